@@ -175,7 +175,7 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401  # apps add names
     if name == "__version__":
-        from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
+        from importlib.metadata import version  # noqa: PLC0415  # slow to import
 
         return version("ikservo")
     if name in _HOMES:

@@ -1,4 +1,4 @@
-"""``python -m ikservo``: the same as ``ikservo``."""
+"""Run the command line of ikservo as ``python -m ikservo``."""
 
 from ikservo.cli import console
 

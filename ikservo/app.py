@@ -1,7 +1,7 @@
-"""The declaration of what an app adds to ikservo.
+"""Declaration of the commands, names and motions that an app adds to ikservo.
 
-An app is a folder with commands and whatever they need, and one `App`. The core finds that value
-and imports the rest when it is used; it never imports an app itself. Built-in apps are the folders
+An app is a folder with commands, their modules, and one `App` value. The core finds this value and
+imports the rest on first use; no module of the core imports an app. Built-in apps are the folders
 of ``ikservo.apps``; other distributions name theirs in the entry point group ``ikservo.apps``.
 """
 
@@ -17,7 +17,7 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command, listed by ``--help`` before its module is imported.
+    """Declaration of a command, which ``--help`` lists without importing its module.
 
     Attributes:
         module: Module that defines ``command``, or the place ``package.module:name`` of another
@@ -37,7 +37,7 @@ class Panel:
 
     Attributes:
         rows: Names and values, as text.
-        motions: Motions by the text of their buttons, built like steps of a program.
+        motions: Motions by the text of their buttons, built like the steps of a program.
     """
 
     rows: Sequence[tuple[str, str]] = ()
@@ -50,12 +50,13 @@ class App:
 
     Attributes:
         name: Name of the app, of its folder, of its page in the documents, and of its extra.
-        commands: The commands by name; "arms new" is ``new`` below ``arms``.
-        names: Names that the package ``ikservo`` gets, each with its place.
-        arm_methods: Methods of an open arm, each with a function's place; it takes the arm first.
+        commands: The commands by name; "arms new" is ``new`` in the group ``arms``.
+        names: Names that are added to the package ``ikservo``, each with its place.
+        arm_methods: Methods of an open arm, each with the place of a function that takes the arm
+            first.
         arm_values: Attributes of an open arm, each with the place of a function of the arm.
-        motions: Kinds of motions, each with the place of its class; also steps of programs.
-        networks: Schemes of addresses, each with the place of an ``ArmNetwork``.
+        motions: Kinds of motions, each with the place of its class; programs use them as steps.
+        networks: Address schemes, each with the place of an ``ArmNetwork``.
         panels: Panels of the page, each heading with the place of a function that returns a `Panel`
             for the model of the arm and its measured positions (rad or m by joint).
         parts: Objects that other apps' commands look up by name, such as ``calibrate --camera``.

@@ -1,4 +1,4 @@
-"""Find the apps of ikservo and of other distributions, and what they offer."""
+"""Find the apps of ikservo and of other distributions, and the parts that they offer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def built_in_apps() -> tuple[App, ...]:
     """Return the core, then the apps of ``ikservo.apps`` by name; reads no entry points."""
     try:
         folder = import_module("ikservo.apps")
-    except ModuleNotFoundError:  # somebody has deleted all of them
+    except ModuleNotFoundError:  # all built-in apps were deleted
         return (CORE,)
     names = sorted(each.name for each in pkgutil.iter_modules(folder.__path__) if each.ispkg)
     apps = (cast("App", import_module(f"ikservo.apps.{name}").APP) for name in names)
@@ -73,7 +73,7 @@ def all_apps() -> tuple[App, ...]:
 
 
 def load_place(place: str) -> Any:  # noqa: ANN401  # whatever an app offers
-    """Import ``package.module:name``, and return the object of that name."""
+    """Import the module in ``package.module:name``, and return the object of that name."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
@@ -118,7 +118,7 @@ def _entry_points_of_others() -> str:
 
 
 def _find_problem(app: object, others: Sequence[App]) -> str:
-    """Return why an app cannot be used; empty if it can."""
+    """Return the reason why an app cannot be used; empty if it can be used."""
     if not isinstance(app, App):
         return "is not an ikservo.app.App"
     try:

@@ -19,7 +19,7 @@ T = TypeVar("T")
 OnExit = Literal["hold", "relax"]
 """State in which ``close`` leaves an arm."""
 
-_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man timeout
+_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a slower stream would exceed the dead-man timeout
 
 
 def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
@@ -57,7 +57,7 @@ def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
 
 
 def check_exit(on_exit: OnExit) -> OnExit:
-    """Check the state in which an arm is to be closed.
+    """Check the argument ``on_exit``, and return it.
 
     Raises:
         UnknownNameError: The value is neither ``hold`` nor ``relax``.
@@ -84,7 +84,7 @@ def parse_points(values: object) -> list[ArrayLike]:
     try:
         if not isinstance(values, str | Mapping):
             return list(cast("Iterable[ArrayLike]", values))
-    except TypeError:  # a single value, also as an array
+    except TypeError:  # a single value, or an array without dimensions
         pass
     raise BadValueError("The list of points", shown(cast("object", values)), "points (k, 3)")
 
@@ -105,7 +105,7 @@ def parse_joint_positions(positions: object) -> dict[str, float]:
 
 
 def parse_number(what: str, value: object) -> float:
-    """Parse a number as a float.
+    """Convert a number to a float.
 
     Raises:
         BadValueError: The value is not a number; text and booleans are not accepted.
@@ -161,7 +161,7 @@ def parse_port(port: object) -> str | None:
 
 
 def parse_name(what: str, name: object) -> str:
-    """Parse a name.
+    """Check that a name is text, and return it.
 
     Raises:
         BadValueError: The value is not text.

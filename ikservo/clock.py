@@ -1,4 +1,4 @@
-"""Time as an argument: the protocol of a clock, the real one, and loops at a fixed rate."""
+"""The protocol of a clock, the real clock, and loops at a fixed rate."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """The clock of all code that waits; a simulated bus has a virtual one."""
+    """Clock for all code that waits; a simulated bus provides a virtual one."""
 
     def now_s(self) -> float:
-        """Return seconds since an arbitrary start; monotonic."""
+        """Return the monotonic time since an arbitrary start, in seconds."""
         ...
 
     def sleep_until(self, deadline_s: float) -> None:
@@ -34,12 +34,12 @@ class RealClock:
 
 
 class Rate:
-    """Yields every ``period_s``, at multiples of the period counted from the first cycle.
+    """Loop at a fixed rate, which yields at multiples of ``period_s`` since the first cycle.
 
     A late cycle does not shift the later ones; missed cycles are skipped, not repeated in a burst.
 
     Attributes:
-        cycles: The number of cycles.
+        cycles: Number of cycles so far.
     """
 
     def __init__(self, clock: Clock, period_s: float) -> None:
@@ -47,7 +47,7 @@ class Rate:
         self.cycles = 0
 
     def __iter__(self) -> Iterator[float]:
-        """Yield the seconds since the first cycle, at each cycle, without end."""
+        """Yield, in each cycle, the time since the first one in seconds; never ends."""
         start_s = self._clock.now_s()
         index = 0
         while True:

@@ -1,4 +1,4 @@
-"""The core, described like an app: the commands for a first motion."""
+"""The commands of the core, declared like those of an app."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """All errors of ikservo, as one tree.
 
-Each error states what was requested, what was found and what to do next, and also inherits
-the builtin that fits, so that ``except TimeoutError`` works for a silent servo::
+Each error states what was requested, what was found and what to do next, and also inherits from the
+matching built-in error, so that ``except TimeoutError`` works for a silent servo::
 
     IkservoError                       exit 1
-    ├── InputError        ValueError   exit 2   invalid input of the user
-    │   ├── UnknownNameError LookupError        a name that is not among the known ones
+    ├── InputError        ValueError   exit 2   invalid user input
+    │   ├── UnknownNameError LookupError        an unknown name
     │   ├── BadValueError                       a number or text that cannot be used
-    │   └── FileFormatError                     a file: where in it, what was expected
+    │   └── FileFormatError                     a file; names the place and what was expected
     ├── PortError         OSError      exit 3   no port, no permission, busy, unplugged
     │   ├── NoPortError
     │   ├── PortBusyError
@@ -19,11 +19,11 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     ├── ServoAlarmError                exit 5   a servo reports overload, temperature, voltage …
     ├── RegisterAccessError ValueError exit 1   a write that the register forbids
     ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
-    │   └── PictureError               exit 1   a picture that does not show what it should
-    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits reaches it
+    │   └── PictureError               exit 1   no picture, or one that cannot be used
+    ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits reaches the target
     │   ├── AimError                            the tip cannot point there
     │   ├── CartesianPathError                  the path cannot be followed; names the place
-    │   └── OrientationError                    the point can be reached, the orientation not
+    │   └── OrientationError                    the point can be reached, but not the orientation
     ├── RefusedError                   exit 8   the guard does not allow a goal
     │   ├── BlockedError                        a path cannot be taken
     │   │   ├── CollisionError                  something would be touched
@@ -90,7 +90,7 @@ _MAX_SHOWN_CHARS = 200
 
 
 def printable(text: str) -> str:
-    """Spell out control characters, which could come from a file or the network.
+    """Escape control characters, which could come from a file or the network.
 
     On a terminal they could move the cursor, hide what was printed, or type an answer.
     """
@@ -98,7 +98,7 @@ def printable(text: str) -> str:
 
 
 def shown(value: object, write: Callable[[object], str] = repr) -> str:
-    """Return any value as a program would write it, cut short; never raises."""
+    """Return the text of any value, shortened; never raises."""
     try:
         text = write(value)
     except Exception:  # nested too deeply, too many digits, or an error in a class of the user
@@ -114,7 +114,7 @@ class IkservoError(Exception):
     """Base of all errors of ikservo; ``str`` of each is bounded and printable.
 
     Attributes:
-        command_message: The event, in terms of the command line, one line.
+        command_message: One line that says what happened, in terms of the command line.
         command_hint: The remedy, in terms of the command line; may be empty.
         python_hint: The remedy for a mistake that only a program can make; may be empty.
         exit_code: The exit code of the command line.
@@ -131,12 +131,12 @@ class IkservoError(Exception):
 
     @property
     def message(self) -> str:
-        """Description of the error in terms of the Python interface, one line."""
+        """One line that says what happened, in terms of the Python interface."""
         return in_python(self.command_message)
 
     @property
     def hint(self) -> str:
-        """Advice in terms of the Python interface, ``arm.relax()``; may be empty."""
+        """The remedy in terms of the Python interface, such as ``arm.relax()``; may be empty."""
         return self.python_hint or in_python(self.command_hint)
 
     def __str__(self) -> str:
@@ -150,7 +150,7 @@ class InputError(IkservoError, ValueError):
 
 
 class UnknownNameError(InputError, LookupError):
-    """A name that is not among the known ones; the closest is suggested."""
+    """A name is unknown; the closest known name is suggested."""
 
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
@@ -162,7 +162,7 @@ class UnknownNameError(InputError, LookupError):
 
 
 class BadValueError(InputError):
-    """A number or text that cannot be used, with the expected value."""
+    """A number or text cannot be used; the message says what was expected."""
 
     def __init__(self, what: str, found: object, expected: str) -> None:
         self.what, self.found, self.expected = what, found, expected
@@ -171,7 +171,7 @@ class BadValueError(InputError):
 
 
 class FileFormatError(InputError):
-    """A file that cannot be used: where in it, what was found, what was expected."""
+    """A file cannot be used; the message says where, what was found and what was expected."""
 
     def __init__(self, path: Path | str, where: str, found: str, expected: str = "") -> None:
         self.path, self.where, self.found, self.expected = Path(path), where, found, expected
@@ -231,10 +231,10 @@ class BusError(IkservoError):
 
     Attributes:
         servo: Joint name and id, for example ``elbow_flex (id 3)``.
-        servo_id: The id alone, if one servo is concerned.
+        servo_id: The id alone, if the error concerns one servo.
         port: The port's name.
         request: The request to the servo.
-        found: The event that happened instead.
+        found: What happened instead of a valid reply.
         sent: The bytes of the request, for bug reports.
         received: The bytes that came back.
     """
@@ -280,7 +280,7 @@ class ServoSilentError(BusError, TimeoutError):
 
 
 class BadReplyError(BusError):
-    """A status packet that cannot be the reply: checksum, length or id."""
+    """A status packet has a wrong checksum, length or id."""
 
     _usual_hint = "Check for loose plugs, two servos with one id, and another program on the port."
 
@@ -296,12 +296,12 @@ class ServoAlarmError(IkservoError):
 
 
 class RegisterAccessError(IkservoError, ValueError):
-    """A write that the register forbids: read-only, out of range, EEPROM under torque.
+    """A register cannot be written: it is read-only, out of range, or in EEPROM under torque.
 
     Attributes:
         servo: Joint name and id.
         register: The register's name.
-        reason: Why it cannot be written.
+        reason: Why the register cannot be written.
     """
 
     def __init__(self, servo: str, register: str, reason: str, hint: str = "") -> None:
@@ -330,7 +330,7 @@ class UnreachableError(IkservoError, ValueError):
         target_m: The target position, metres, arm's base frame.
         nearest_m: The closest position found, same frame.
         binding: The active limits.
-        instead_m: A point nearby, in whole millimetres, that was checked to be reachable.
+        instead_m: A nearby point in whole millimetres, checked to be reachable.
     """
 
     exit_code = ExitCode.UNREACHABLE
@@ -413,7 +413,7 @@ class OrientationError(UnreachableError):
 
 
 class AimError(UnreachableError):
-    """The tip cannot point at a point inside the limits.
+    """No joint vector inside the limits points the tip at the target.
 
     Attributes:
         left_rad: The angle that remains between the tip's axis and the direction to the point.
@@ -442,7 +442,7 @@ class BlockedError(RefusedError):
     """A path cannot be taken, though another path may be possible; nothing was sent.
 
     Attributes:
-        cause: The obstacle, without its place on the path.
+        cause: The reason, without its place on the path.
     """
 
     def __init__(self, cause: str, message: str, hint: str) -> None:
@@ -451,10 +451,10 @@ class BlockedError(RefusedError):
 
 
 class CollisionError(BlockedError):
-    """The path of a goal touches something; nothing was sent.
+    """A collision lies on the path to a goal; nothing was sent.
 
     Attributes:
-        pair: A link, and another link or the name of a thing.
+        pair: The colliding link, and the other link or the thing that it touches, by name.
     """
 
     def __init__(self, pair: tuple[str, str], depth_m: float, fraction: float) -> None:
@@ -473,7 +473,7 @@ class ConstraintError(BlockedError):
     """The tool would violate a constraint on its path; nothing was sent.
 
     Attributes:
-        beyond: The excess, rad or m.
+        beyond: Excess over the allowed value, rad or m.
     """
 
     def __init__(self, what: str, most: float, beyond: float, unit: str, fraction: float) -> None:
@@ -492,7 +492,7 @@ class ConstraintError(BlockedError):
 
 
 class HeldUpError(RefusedError):
-    """The program was delayed in a motion for so long that servos stopped themselves."""
+    """The program was delayed in a motion for so long that the servos' watchdogs stopped them."""
 
 
 class LatchedStopError(RefusedError):
@@ -534,5 +534,5 @@ class StoppedError(IkservoError):
 
 
 def format_point(point_m: Iterable[float]) -> str:
-    """Return ``(0.250, 0.050, 0.150) m``."""
+    """Format a point (3,) [m] as ``(0.250, 0.050, 0.150) m``."""
     return f"({', '.join(f'{float(x):z.3f}' for x in point_m)}) m"

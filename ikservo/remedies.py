@@ -1,7 +1,7 @@
-"""Remedies for each interface: the command line has commands, programs methods, pages buttons.
+"""Remedies in the terms of each interface: commands, Python methods, buttons of the page.
 
 Hints are written once, as a user at a terminal would type them; texts for programs and pages are
-derived from that. Commands without an equivalent there (``ikservo setup``) stay.
+derived from them. A command without an equivalent, such as ``ikservo setup``, is kept.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def in_python(hint: str) -> str:
 def install_command(extra: str = "") -> str:
     """Return the command that reinstalls this copy of ikservo with one more extra.
 
-    It names the source of the copy, because ``pip install ikservo`` finds nothing that is not
-    published, and uses the installer that made the environment.
+    The command names the source of this copy, because ``pip install ikservo`` cannot find an
+    unpublished one, and it uses the installer that made the environment.
 
     Args:
         extra: An optional dependency, such as ``view``; empty for none.
@@ -101,7 +101,7 @@ def install_command(extra: str = "") -> str:
 
 
 def install_hint(message: str) -> str:
-    """Return how to install the extra that a simulator message asks for, or nothing."""
+    """Return how to install the extra that a message of the simulator names, or nothing."""
     needed = _NEEDED_EXTRA.search(message)
     return f"Install it: {install_command(needed[1])}" if needed else ""
 

@@ -36,8 +36,8 @@ R = TypeVar("R")
 class Arm(MotionMethods):
     """An arm on an open port; see ``open_arm``.
 
-    Metres and radians; points and orientations in the arm's base frame; vectors of all joints (n,)
-    in the order of ``joint_names``, metres for prismatic joints.
+    Units are metres and radians. Points and orientations are in the arm's base frame. Vectors of
+    all joints (n,) are in the order of ``joint_names``, with metres for prismatic joints.
 
     The first motion switches torque on, and is slow. Torque stays on when the arm is closed unless
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
@@ -51,7 +51,7 @@ class Arm(MotionMethods):
     Args:
         context: The parts of the arm.
         runner: Runs its motions.
-        on_exit: The torque after ``close``: ``hold`` or ``relax``.
+        on_exit: The state after ``close``: ``hold`` or ``relax``.
 
     Attributes:
         model: The arm's model.
@@ -66,8 +66,8 @@ class Arm(MotionMethods):
     Raises:
         CalibrationError: The arm is not calibrated, and the motion is more than a small step of
             single joints; nothing has moved.
-        RefusedError: Something is in the way of a motion; nothing has moved. Or the guard stopped
-            the motion, and the arm holds.
+        RefusedError: The arm would touch something, and nothing has moved; or the guard stopped the
+            motion, and the arm holds.
         StoppedError: ``stop``, called here or by another process, ended a motion; the arm holds.
         KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
     """
@@ -104,7 +104,7 @@ class Arm(MotionMethods):
 
     @property
     def scene(self) -> Scene:
-        """The things around the arm, and what its gripper holds."""
+        """The things around the arm, and the things that its gripper holds."""
         return self._scene
 
     @cached_property
@@ -234,20 +234,20 @@ class Arm(MotionMethods):
     def reconnect(self, within_s: float = 10.0) -> None:
         """Open the port again after the cable was unplugged; nothing moves.
 
-        Waits ``within_s`` for the adapter, which is identified by its USB serial number. The arm
-        stays stopped until ``acknowledge``. The servos may have lost power, so torque is read
-        again, and the first motion is slow.
+        The call waits up to ``within_s`` for the adapter, which is identified by its USB serial
+        number. The arm stays stopped until ``acknowledge``. The servos may have lost power, so
+        torque is read again, and the first motion is slow.
 
         Raises:
             BadValueError: The wait is not a number of seconds.
-            PortLostError: The adapter was not plugged in in time.
+            PortLostError: The adapter did not come back in time.
             ServoSilentError: A servo does not answer.
             RefusedError: A motion is running.
         """
         self._runner.reconnect(within_s)
 
     def return_within_limits(self) -> None:
-        """Move joints that are a little outside their limits back inside, slowly."""
+        """Slowly move joints that are slightly outside their limits back inside."""
         self._runner.return_within_limits()
 
     def request_stop(self, reason: StopReason) -> None:
@@ -275,9 +275,9 @@ class Arm(MotionMethods):
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose.
 
-        The rest pose is clamped however far it is outside, because an arm must always be able to
-        come down. Other poses are clamped only if joints are on end stops, just outside a limit.
-        ``start`` holds the present joints (n,); measured if None.
+        The rest pose is clamped however far it is outside, because it must always be possible to
+        lower the arm. Other poses are clamped only if joints are on end stops, just outside a
+        limit. ``start`` holds the present joints (n,); measured if None.
 
         Raises:
             UnknownNameError: There is no such pose.

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class ArmParts(Protocol):
-    """The parts of an arm; ``Arm`` has them.
+    """The parts of an arm that functions for motions need; ``Arm`` provides them.
 
     A function whose first parameter is an ``ArmParts`` can be a method of ``Arm``.
     """

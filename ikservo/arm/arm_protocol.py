@@ -1,7 +1,7 @@
 """Common interface of open arms, with servos on this machine or on another one.
 
-``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that takes either names it as
-the type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
+``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that accepts either of them
+uses this type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
 ``ikservo.arm.opening``.
 """
 
@@ -154,7 +154,7 @@ class OpenArm(MotionMethods, Protocol):
         """Open the port again after the cable was unplugged; refused on another machine."""
 
     def return_within_limits(self) -> None:
-        """Move joints that are a little outside their limits back inside, slowly."""
+        """Slowly move joints that are slightly outside their limits back inside."""
 
     @property
     def stop_requests(self) -> int:

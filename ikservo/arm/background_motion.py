@@ -56,7 +56,7 @@ class RunningMotion(Generic[T]):
 
     Args:
         work: Plans and executes the motion, and returns its result.
-        arm: The arm that it moves.
+        arm: The arm to move.
         queue: Lock that one motion at a time holds.
     """
 
@@ -314,7 +314,7 @@ def check_not_forked(process_id: int) -> None:
         process_id: The process that opened the arm.
 
     Raises:
-        RefusedError: This process is not that one.
+        RefusedError: This process is a fork of that process.
     """
     if os.getpid() != process_id:
         raise RefusedError(

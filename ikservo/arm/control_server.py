@@ -44,7 +44,7 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
         arm: The name of the arm, used for the socket if another arm on the device already listens.
 
     Returns:
-        The server; None if no safe socket can be made, because an arm works without one.
+        The server; None if no safe socket can be made. An arm also works without a server.
     """
     try:
         listening = open_socket(socket_path(device)) or open_socket(socket_path(device, arm))

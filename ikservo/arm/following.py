@@ -60,7 +60,7 @@ def follow_goals(
             the largest speed and acceleration stay the same.
         settle_after_s: Time at the goal after which joints are corrected by their measured
             positions, as at the end of a motion; a new goal ends the correction.
-        by_tip: Returns whether the goal belongs to the tip; see ``settle_at``.
+        by_tip: Returns whether the goal was computed for a target of the tip; see ``settle_at``.
 
     Returns:
         The reference of the joints (n,) at the end: the last accepted goal, or the position at

@@ -26,8 +26,8 @@ _PRESSED_S = 0.5
 _MIN_LAG_RAD = 0.03  # a goal that leads the horn by less is not ahead
 _SQUEEZE_RAD = 0.10  # lead of the goal while a jaw presses; the torque limit sets the force
 _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly for lack of force
-# A blocked jaw may slip by some ticks. Its goal must not start towards the end then, because it
-# could not come back before the joint counts as not following.
+# A blocked jaw may slip by some ticks. Its goal must then not start to move ahead, because it could
+# not return before the guard reports that the joint does not follow.
 _MOST_AHEAD_RAD = 0.15
 _ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
@@ -98,7 +98,7 @@ class GripperMotion:
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
 
     def _update_rest(self, at: float) -> bool:
-        """Check whether the joint rests, for long enough if it presses on something."""
+        """Check whether the joint is at rest and, if it presses on something, for long enough."""
         now_s = self._context.now_s()
         if self.blocked:
             self._pressing = self._pressing.add_reading(now_s, {0: at})

@@ -41,7 +41,7 @@ _AHEAD_S = 0.2  # the target of the tip is its position after this time
 
 
 class _JogTarget(Protocol):
-    """Chooser of the next goal of a jog."""
+    """Chooses the next goal of a jog."""
 
     def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
         """Return the next goal (n,) of the joints, or the reason why the jog ends."""
@@ -142,8 +142,8 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
     Args:
         arm: The arm.
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-        speed: rad/s for a joint (m/s for a slide) or m/s for the tip; negative to reverse. None:
-            the arm file's slow speed, or 0.05 m/s for the tip.
+        speed: rad/s for a joint (m/s for a prismatic one) or m/s for the tip; negative to reverse.
+            None: the arm file's slow speed, or 0.05 m/s for the tip.
         wanted: Called in every control cycle: True continues, False brakes and holds, None decides
             nothing; after 0.3 s of None, the arm also brakes and holds.
 

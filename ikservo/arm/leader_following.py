@@ -23,9 +23,10 @@ def follow_arm(
 ) -> FollowResult:
     """Follow another arm that is guided by hand, coupling joints of the same name.
 
-    ``leader`` is an open arm on another port or another machine; its torque stays unchanged, and
-    its gripper leads the gripper. This arm keeps its own limits, and brakes if the leader does not
-    answer for 0.3 s. Following ends when ``until``, called in every control cycle, returns True.
+    ``leader`` is an open arm on another port or another machine. Its torque stays unchanged, and
+    its gripper leads the gripper of this arm. This arm keeps its own limits, and brakes if the
+    leader does not answer for 0.3 s. Following ends when ``until``, called in every control cycle,
+    returns True.
 
     ``speed`` is the speed class; fast follows most closely. ``on_progress`` is called with a
     ``MotionProgress`` in every cycle.

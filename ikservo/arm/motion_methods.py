@@ -1,7 +1,7 @@
 """Methods that move an arm, plan or stop it; each builds a motion.
 
 Both kinds of ``OpenArm`` (``arm_protocol``) share them: an arm on a port and an arm on another
-machine. Each kind plans and executes in its own way.
+machine. Each kind implements planning and execution itself.
 """
 
 from __future__ import annotations
@@ -271,7 +271,7 @@ class MotionMethods(Protocol):
 
     @property
     def _own_stops(self) -> int:
-        """The number of stops by this program, if the servos may not know of them yet."""
+        """The number of stops by this program that the machine with the servos may not know yet."""
         return 0
 
     @abstractmethod

@@ -68,7 +68,8 @@ class MotionRunner:
 
     Attributes:
         loop: Streams trajectories to the servos.
-        watches_scene: Whether things may change because the running motion checks its path.
+        watches_scene: Whether the scene may change during the running motion, which then checks its
+            path again.
         caches_states: Whether joint states are read before each motion for ``last_state``, even if
             the motion runs in the main thread.
         on_overheat: Called to switch torque off if a motion failed and a servo is too hot to hold.
@@ -168,9 +169,10 @@ class MotionRunner:
             self._servos.disable_torque()
 
     def set_joint_torque(self, joint: str, *, on: bool) -> None:
-        """Switch one joint's torque; its goal is set to its position first, so nothing moves.
+        """Switch one joint's torque on, with its goal at its position, or off.
 
-        A joint without torque falls, with everything that it carries.
+        Switching torque on moves nothing. A joint without torque falls, with everything that it
+        carries.
 
         Raises:
             RefusedError: A motion is running, or a stop was not acknowledged.
@@ -250,7 +252,7 @@ class MotionRunner:
         A fork of the process that opened the arm has no port to close, and relaxes nothing.
 
         Args:
-            relax: Lowers the arm before that; None leaves torque unchanged.
+            relax: Lowers the arm before the port is closed; None leaves torque unchanged.
             leave: Tells other arms the final position of this one, and ends services for other
                 processes.
 
@@ -276,7 +278,7 @@ class MotionRunner:
 
     @contextmanager
     def motion(self) -> Generator[None]:
-        """Hold the lock for one motion: torque on, signals handled, faults latched.
+        """Hold the lock for one motion, with torque on, signals handled and faults latched.
 
         Raises:
             RefusedError: Another motion of this arm or of an arm in reach is running, or a stop was
@@ -302,7 +304,7 @@ class MotionRunner:
 
     @contextmanager
     def watching_scene(self) -> Generator[None]:
-        """Let other threads change what is around the arm while a motion runs in the block."""
+        """Let other threads change the things around the arm while a motion runs in the block."""
         self.watches_scene = True
         try:
             yield
@@ -343,10 +345,10 @@ class MotionRunner:
             )
 
     def return_within_limits(self) -> None:
-        """Move joints that are a little outside their limits back inside, slowly.
+        """Slowly move joints that are slightly outside their limits back inside.
 
-        A limp arm may sink beyond them. Online trajectories must start inside, because the guard
-        lets a joint return, but not move out again by a single tick.
+        A limp arm may sink beyond its limits. Online trajectories must start inside, because the
+        guard lets a joint return, but not move out again by even one tick.
 
         Raises:
             RefusedError: A joint is more than 5° outside at its horn, or the arm would touch
@@ -418,8 +420,8 @@ class MotionRunner:
     def _after_motion(self, reason: StopReason, hint: str) -> Generator[None]:
         """End a running motion without braking, then hold the lock.
 
-        The callback of that motion may call this function while it already holds the lock. The wait
-        for a motion that does not end is at most one second.
+        The callback of that motion may call this function while it already holds the lock. If the
+        motion does not end, the wait is at most one second.
         """
         servos = self._servos
         if servos.torque.is_moving:

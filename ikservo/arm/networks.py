@@ -45,7 +45,7 @@ def find_network(port: object) -> tuple[ArmNetwork, str] | None:
     """Find the network for a port, and the address in it; None for a port on this machine.
 
     Args:
-        port: Given by the user; ``IKSERVO_PORT`` if None.
+        port: The port given by the user; ``IKSERVO_PORT`` if None.
 
     Raises:
         BadValueError: The value is not the name of a port.

@@ -80,7 +80,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
 
 def backup_owner(port_name: str, arm: str = "") -> str:
-    """Return the folder of first EEPROM copies of an arm or of servos; empty if simulated."""
+    """Return the folder name for EEPROM backups of an arm or of servos; empty if simulated."""
     if is_simulator(port_name):
         return ""
     serial_number = serial_number_of(port_name)
@@ -222,7 +222,7 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
         bus.load_return_delays()
         own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
         if own.zeros is not ZeroSource.SIMULATED:
-            with contextlib.suppress(FileWriteError):  # opening does not depend on the copy
+            with contextlib.suppress(FileWriteError):  # opening does not depend on the backup
                 back_up_once(bus, bus.backup_owner)
     except (BusError, CalibrationError) as error:
         from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only

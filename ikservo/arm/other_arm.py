@@ -41,17 +41,17 @@ class OtherArm:
     left: list[KeepOutShape] | None = None
 
     def close(self) -> None:
-        """Remember the arm's position, because nothing can be measured once it is closed."""
+        """Store the arm's position, because nothing can be measured once the arm is closed."""
         with suppress(IkservoError), self.runner.lock:
             self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
-        """Measure the links and held things of the arm, as rounded rods in the base frame.
+        """Measure the links and held things of the arm; return capsules in the base frame.
 
-        A closed arm counts as staying where it was when it was closed.
+        A closed arm is assumed to stay where it was when it was closed.
 
         Args:
-            arm: This arm, which takes turns with the other one.
+            arm: This arm, which shares the lock with the other one.
 
         Raises:
             RefusedError: The other arm is moving, or its position cannot be measured.

@@ -34,7 +34,7 @@ from ikservo.model.scene_file import (
 from ikservo.planning.context import ArmContext
 from ikservo.planning.surroundings import Turn
 
-_LARGEST_M = 0.5  # half the size of what a gripper holds, in each direction
+_LARGEST_M = 0.5  # half the size of the largest thing that can be held, in each direction
 _NAME = "The name of the thing"
 _WAIT_S = 2.0  # enough for a reading to end, not for a motion
 _POLL_S = 0.02  # time in which a change notices that a motion has begun
@@ -117,7 +117,7 @@ class Scene:
             BadValueError: The name is taken.
             FileFormatError: A value is missing, unknown or of another type; the message names the
                 key.
-            RefusedError: The arm moves without a plan.
+            RefusedError: A motion without a plan is running.
         """
         with self._changing_things():
             self._check_new(name)
@@ -134,7 +134,7 @@ class Scene:
             UnknownNameError: There is no such thing.
             BadValueError: The new name is taken.
             FileFormatError: A value is unknown or of another type; the message names the key.
-            RefusedError: The arm moves without a plan.
+            RefusedError: A motion without a plan is running.
         """
         other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
@@ -165,7 +165,7 @@ class Scene:
         Raises:
             FileFormatError: The file is malformed.
             BadValueError: A name is taken.
-            RefusedError: The arm moves without a plan, or the file has another arm; see
+            RefusedError: A motion without a plan is running, or the file has another arm; see
                 ``add_arm``.
         """
         added = {each.name: each for each in read_scene(path)}
@@ -183,7 +183,7 @@ class Scene:
         return one == another
 
     def take_over(self, before: Scene) -> None:
-        """Take over the things and other arms of a scene of the same arm, which was open before.
+        """Copy the things and other arms from an earlier scene of the same arm.
 
         Raises:
             RefusedError: A motion is running, or that arm was opened without collision checks.
@@ -216,9 +216,9 @@ class Scene:
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
-        From then on, only one of the two moves at a time and avoids the other. The other arm counts
-        as standing where it was when the motion began, even if a person moves it by hand; a closed
-        arm counts as staying where it was when it was closed.
+        From then on, only one of the two moves at a time and avoids the other. The other arm is
+        assumed to stay where it was when the motion began, even if a person moves it by hand; a
+        closed arm, where it was when it was closed.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 
@@ -272,7 +272,7 @@ class Scene:
 
         Raises:
             UnknownNameError: There is no such thing.
-            RefusedError: The arm moves without a plan.
+            RefusedError: A motion without a plan is running.
         """
         other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
@@ -291,8 +291,8 @@ class Scene:
     def attach(self, name: str) -> None:
         """Let the gripper hold a thing at its present place; it then moves with the tip.
 
-        The thing is checked as a part of the arm until it is released, also by opening the gripper.
-        Its weight counts as the payload in the arm file, for which sag is compensated.
+        The thing is checked as a part of the arm until it is released; opening the gripper releases
+        it, too. Its weight counts as the payload in the arm file, for which sag is compensated.
 
         Raises:
             UnknownNameError: There is no such thing.

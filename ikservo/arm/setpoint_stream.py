@@ -26,10 +26,10 @@ _POLL_PERIOD_S = 0.1  # time in which a waiting sender notices the loop's end
 
 
 class SetpointMailbox:
-    """Holds the newest setpoint, from the program to the control loop.
+    """Passes the newest setpoint from the program to the control loop.
 
-    Simulated time could run far ahead of the program. It therefore waits for the next setpoint from
-    a sender with a fixed rate, and follows real time for other senders.
+    Simulated time could run far ahead of the program. The mailbox therefore stops it until the next
+    setpoint if the sender has a fixed rate, and lets it follow real time otherwise.
 
     Args:
         clock: The clock of the arm.
@@ -80,7 +80,7 @@ class SetpointMailbox:
             return not self._closed
 
     def setpoints(self) -> Iterator[CartesianOrJointTarget | None]:
-        """In each control cycle until closed, yield the newest setpoint or None."""
+        """Yield the newest setpoint, or None, in each control cycle until the mailbox is closed."""
         start_s, start_wall_s = self._clock.now_s(), time.monotonic()
         self._taken_s, self._late = start_s, False
         while not self._closed:

@@ -32,8 +32,8 @@ def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
 class StopListener:
     """Receives stops for a bus from other programs; see ``stoppable``.
 
-    After a stop, no servo gets torque. Once an ``Arm`` has the bus, requests go to that arm.
-    The simulated bus of this process has no socket, because no other program can know it.
+    After a stop, torque cannot be switched on. Once an ``Arm`` uses the bus, this arm handles the
+    requests. The simulated bus of this process has no socket, because no other program can find it.
 
     Args:
         bus: The bus.

@@ -44,7 +44,7 @@ class Homing:
     Attributes:
         offset: The value for the homing offset register.
         extended: Whether the servo must count beyond one revolution.
-        shift: Reported tick = unwrapped bare tick - shift.
+        shift: Unwrapped bare tick minus reported tick.
     """
 
     offset: int

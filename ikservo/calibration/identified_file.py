@@ -28,7 +28,7 @@ _FRICTION, _SHARE = "N m, zero or more", "a number from 0 to 0.5"
 
 
 class IdentifiedJoint(StrictModel):
-    """``[[joints]]``: the servos of a joint and the mass that it carries up to the next joint."""
+    """``[[joints]]``: the servos of a joint, and the mass between this joint and the next."""
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
     mass_scale: float = Field(gt=0, le=10, description="a factor of the arm file's mass")

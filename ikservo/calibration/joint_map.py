@@ -12,10 +12,10 @@ from ikservo.registers import ControlTable
 
 @dataclass(frozen=True, slots=True)
 class Crank:
-    """A crank of radius r rotates by φ and pushes a slider through a rod of length l.
+    """Crank of radius r that rotates by φ and moves a slider through a rod of length l.
 
-    ``x(φ) = r cos φ + sqrt(l² - r² sin² φ)``, which falls from r + l at φ = 0 to l - r at
-    φ = π and has one inverse in between: ``cos φ = (x² + r² - l²) / (2 r x)``.
+    ``x(φ) = r cos φ + sqrt(l² - r² sin² φ)``, which falls from r + l at φ = 0 to l - r at φ = π and
+    is invertible in between: ``cos φ = (x² + r² - l²) / (2 r x)``.
 
     Attributes:
         radius_m: Distance from the horn's axis to the pin.
@@ -44,7 +44,7 @@ class Crank:
         return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
 
     def clamp_to_dead_centre(self, horn_rad: float) -> float:
-        """Clamp a rotation of the horn from zero to where the slider would reverse."""
+        """Clamp a horn rotation from zero [rad] to the dead centres, where the slider reverses."""
         return min(self.zero_rad, max(self.zero_rad - math.pi, horn_rad))
 
     @property
@@ -80,14 +80,14 @@ def format_source(source: str) -> str:
 class JointMap:
     """Conversion between the ticks of a servo and the position of its joint.
 
-    ``position = sign * (tick - zero_tick) * unit_per_tick``; with a crank, that is the angle of the
-    horn, which the crank converts to the slider's position.
+    ``position = sign * (tick - zero_tick) * unit_per_tick``; with a crank, this gives the angle of
+    the horn, which the crank converts to the slider's position.
 
     Attributes:
         joint: Name of the joint.
         servo_id: Id of the servo on the bus.
         sign: +1 if the joint position increases with the ticks, otherwise -1.
-        zero_tick: The tick at position zero; may be between two ticks.
+        zero_tick: The tick at position zero; may be fractional.
         unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; the maximum with a
             crank.
         unit: The unit of positions.

@@ -78,5 +78,5 @@ def _file_stem(arm: str, usb_serial_number: str) -> str:
 
 
 def _safe_name_part(text: str) -> str:
-    """Return a text as a part of a file name that cannot leave the folder."""
+    """Convert a text to a part of a file name that cannot lead out of the folder."""
     return _UNSAFE_CHARS.sub("_", text).strip("_")[:_MAX_NAME_CHARS]

@@ -34,7 +34,7 @@ Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
-# Larger corrections mean another arm instead of tolerances.
+# Larger corrections indicate another arm, because no tolerance is so large.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
 Rotation = Annotated[float, Field(ge=-20.0, le=20.0)]
 _MOVE, _ROTATION = "[x, y, z] in mm, each at most ±50", "[x, y, z] in degrees, each at most ±20"
@@ -126,7 +126,7 @@ class CalibratedGeometry(StrictModel):
 
 
 class SeenBoard(StrictModel):
-    """A board, and where it is fixed: on the tip, or in the base frame."""
+    """A calibration board, and its pose on the tip or in the base frame."""
 
     name: Text = Field(description="COLUMNSxROWS-SQUAREmm-FAMILY")
     scale: float = Field(default=1.0, gt=0.5, lt=2.0, description="factor on the size in its name")
@@ -180,7 +180,7 @@ class CalibratedCamera(StrictModel):
 
 
 class Calibration(StrictModel):
-    """The content of a calibration file; each value is checked on its own."""
+    """The content of a calibration file; ``inconsistencies`` compares its values."""
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     arm: Name = Field(description="an arm's name")
@@ -251,7 +251,7 @@ class StoredJointMeasurement(StrictModel):
 
 
 class PartialCalibration(StrictModel):
-    """The measured joints of one arm on one adapter."""
+    """Joints that an interrupted self-calibration has measured, of one arm on one adapter."""
 
     format: Literal[1] = Field(description="1")
     arm: str = Field(max_length=64, description="an arm")
@@ -286,7 +286,7 @@ def read_partial(path: Path) -> PartialCalibration | None:
 def shift_zeros(
     joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
 ) -> tuple[CalibratedJoint, ...]:
-    """Return joints with positions increased by ``zeros`` (dof,); joints without a map stay.
+    """Return joints with positions increased by ``zeros`` (dof,), except joints without a map.
 
     The end stops do not move, nor do the user's limits, which are positions in the geometry.
     """

@@ -65,7 +65,7 @@ class ServoConfig:
 
 
 def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
-    """Check whether a servo counts in the direction of ``held``, in a position mode.
+    """Check whether a servo is in a position mode and counts in the direction of ``held``.
 
     An offset that the servo ignores also makes the result False.
     """
@@ -116,8 +116,8 @@ def expected_registers(
     Args:
         config: The present configuration of the servo; values are kept if possible.
         offset: The homing offset.
-        limits: Position limits, raw; None opens them if the present ones no longer mean the
-            same positions, and keeps them if they do.
+        limits: Position limits, raw; None keeps the present ones if they still correspond to the
+            same positions, and otherwise opens them.
         extended: Whether the servo must count beyond one revolution.
     """
     held = dict(config.registers)

@@ -1,8 +1,8 @@
 """Write a calibration to servos and file as one journaled transaction, all or nothing.
 
 The journal is on disk before the first servo is written, and is removed after the file is written.
-It contains both states, so that a later run can read from the servos how far the writing came, and
-finish or undo it.
+It contains both states, so that a later run can find out from the servos which were written, and
+finish or undo the transaction.
 """
 
 from __future__ import annotations
@@ -121,9 +121,9 @@ def commit(
     *,
     temporary: bool = False,
 ) -> None:
-    """Write servos and file as one; after a failure both are restored.
+    """Write servos and file in one transaction; after a failure both are restored.
 
-    If a later transaction fails, the changes of a temporary one are also restored.
+    If this transaction fails, the changes of an earlier temporary one are undone too.
 
     Args:
         bus: The servos, torque off.
@@ -165,7 +165,7 @@ def commit(
 def _join_changes(
     earlier: Journal | None, changes: Sequence[EepromChange]
 ) -> tuple[EepromChange, ...]:
-    """Join changes to those of a temporary transaction, whose old numbers are the original ones."""
+    """Merge changes with those of a temporary transaction, whose old numbers are kept."""
     joined = {each.id: each for each in changes}
     for each in earlier.changes if earlier is not None and earlier.temporary else ():
         later = joined.get(each.id, EepromChange(id=each.id, old={}, new={}))
@@ -191,12 +191,13 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
     """Recover an interrupted transaction if that needs no write to a servo.
 
-    A temporary transaction is undone if the servos are limp.
+    A temporary transaction is undone if the torque of its servos is off.
 
     Args:
         bus: The servos.
         journal_path: The journal.
-        calibrating: Whether the caller calibrates the arm, and then undoes a temporary transaction.
+        calibrating: Whether the caller is calibrating the arm, and will undo a temporary
+            transaction itself if torque is on.
 
     Returns:
         Text for the user about what was done; empty if there was nothing to do.

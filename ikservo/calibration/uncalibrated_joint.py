@@ -13,7 +13,7 @@ _MIN_MOTION_DEG = 15.0
 
 @dataclass(frozen=True, slots=True)
 class JointUnderCalibration:
-    """Data about a joint before its calibration.
+    """A joint that is about to be calibrated.
 
     Attributes:
         joint_map: Scale and sign from the arm file; the zero tick is not used.

@@ -79,7 +79,7 @@ class LazyCommandGroup(TyperGroup):
         return load_command(full_name, found)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Parse arguments; the arm or options may stand before the name of a sub-command."""
+        """Parse arguments; the arm and options may precede the name of a sub-command."""
         names = self.list_commands(ctx) if self.prefix else []
         place = next((i for i, word in enumerate(args) if word in names), 0)
         return super().parse_args(

@@ -16,7 +16,7 @@ _FREE_WORDS = ("FILE", "LEADER", "NAME")  # metavars of arguments that may equal
 
 
 def names_arm(word: str) -> bool:
-    """Check whether a word on the command line can only be an arm: its name, or its file."""
+    """Check whether a word on the command line can only refer to an arm, by name or file."""
     if word.endswith("arm.toml") or (Path(word) / "arm.toml").is_file():
         return True
     if not word.isidentifier():  # such as a port, a file, a coordinate

@@ -21,9 +21,9 @@ from ikservo.model import Model
 
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
-    """Run the test motion of all joints, if it has not yet confirmed the present files.
+    """Run the test motion of all joints, unless the present files are already confirmed.
 
-    Returns whether the test ran; the arm may then hold at another position than the plan's start.
+    The result is whether the test ran. The arm may then be away from the start of an earlier plan.
 
     An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
 
@@ -33,9 +33,9 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
 
     Raises:
         CalibrationError: A joint is not the expected one.
-        InputError: There is no user to watch.
+        InputError: There is no user to watch the motions.
     """
-    if options.no_wiggle or not isinstance(machine, Arm):  # done by the program beside the arm
+    if options.no_wiggle or not isinstance(machine, Arm):  # done by the program with the servos
         return False
     if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
         return False

@@ -21,7 +21,7 @@ class Without:
 def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command for typer, with a parameter for each option of its groups.
 
-    The options of a group replace it among the parameters, so the help lists them in order.
+    The options replace their group in the list of parameters, so the help lists them in order.
 
     Raises:
         TypeError: ``Without`` names an option that the group does not have.

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
-# matplotlib leaves the types of its keywords open.
-# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+# matplotlib does not declare the types of its keyword arguments. pyright:
+# reportUnknownMemberType=false, reportUnknownVariableType=false
 
 
 # Colours that colour-blind users can also distinguish (Okabe and Ito, Color Universal Design,
@@ -82,7 +82,7 @@ def save_figure(figure: Figure, file: Path) -> None:
 
 
 def line_styles(names: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the colour and dashes of each line, so that a method looks alike in all figures."""
+    """Return the colour and dashes of each line, so that a method looks the same everywhere."""
     known = list(METHODS)
     places = [known.index(name) if name in known else i for i, name in enumerate(names)]
     return [(_COLOURS[i % 6], _DASHES[i // 6 % 4]) for i in places]

@@ -34,7 +34,7 @@ def parse_length_m(text: str | float) -> float:
 def parse_coordinate_m(text: str | float) -> float:
     """Parse metres like ``parse_length_m``, but accept large numbers without a unit.
 
-    If they are meant as millimetres, the point is out of reach, and the user is asked.
+    A point that was meant in millimetres is out of reach, and the user is then asked.
     """
     return _parse_quantity(str(text), _METRES, "a length such as 0.25, 250mm or 25cm")
 

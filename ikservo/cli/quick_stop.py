@@ -92,10 +92,10 @@ def _name_of(arm: str) -> str:
 def stop_every_arm() -> StopAllResult:
     """Stop every arm whose port a program of this user has open, and those on other machines.
 
-    Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
+    The latter are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
 
     Raises:
-        InputError: There is no such arm.
+        InputError: No program has an arm open, and no arm is served on this machine.
     """
     with ThreadPoolExecutor(1) as pool:  # an arm without a reply must not delay the others
         own = pool.submit(stop_own_programs)

@@ -1,4 +1,4 @@
-"""Results as tables of fields, which have keys with ``--json``, and lines or columns without."""
+"""Results as lists of fields: keys with ``--json``, otherwise lines or columns."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def print_fields(
         fields: The fields of the result.
         json: Whether to print JSON.
         order: The keys of the lines; if empty, all fields with a label, in their order.
-        width: Columns of the labels.
+        width: Width of the labels in characters.
     """
     if json:
         print_json(schema, **json_values(result, fields))

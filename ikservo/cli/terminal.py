@@ -58,7 +58,7 @@ def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> 
 
 
 def fold(line: str, width: int, indent: int = 0) -> list[str]:
-    """Return one line as lines of at most ``width`` columns.
+    """Fold one line into lines of at most ``width`` columns.
 
     Args:
         line: The text; spaces at its start are kept.
@@ -147,7 +147,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 def _count_fitting_columns(
     columns: Sequence[str], rows: Sequence[Sequence[str]], width: int
 ) -> int:
-    """Count how many columns fit a width, two spaces between them; at least one."""
+    """Count the columns that fit into a width with two spaces between them; at least one."""
     used = 0
     for i, column in enumerate(columns):
         used += max(len(text) for text in (column, *(row[i] for row in rows))) + 2 * (i > 0)

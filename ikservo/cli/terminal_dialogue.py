@@ -173,7 +173,7 @@ class _RequestScreen:
         self._size: ConsoleDimensions | None = None
 
     def close(self) -> None:
-        """Free the keyboard and the screen until the next request."""
+        """Release the keyboard and the screen until the next request."""
         self._open.close()
         self._keys = self._live = None
         if self._overwrites:

@@ -1,7 +1,8 @@
 """Feed-forward: the lead that goals need so that joints follow a moving reference.
 
-A position servo is a spring to its goal: it gives torque only while its joint lags. The torque that
-a motion needs is known from masses and motors, so the goal leads the reference by the lag::
+A position servo acts like a spring towards its goal: it gives torque only while its joint lags. The
+torque that a motion needs is known from masses and motors, so the goal leads the reference by the
+lag::
 
     L = tau(q, qd, qdd) + d                    gravity and inertia of the links, unmodelled load d
     M = L + J qdd + f                          motor torque, with rotor inertia J and friction f
@@ -68,7 +69,7 @@ class FeedForward:
         return FeedForward(replace(self.parameters, drives=drives), self.columns)
 
     def inertia_s2(self, positions: Vector) -> Vector:
-        """Compute the inertia of each joint with its motor over its stiffness (dof,), s².
+        """Compute the inertia of each joint and its motor, divided by its stiffness (dof,), s².
 
         The result is 0 if a motor is not known.
 
@@ -123,12 +124,13 @@ class FeedForward:
             point: The reference: positions, velocities and accelerations (n,) of all joints.
             direction: The direction of the friction (n,), -1 to 1: the direction in which each
                 joint moves, 0 at rest.
-            held_s: Time for which a goal is held until the next one; its mean age is half of that.
+            held_s: Time for which a goal is held until the next one; the mean age of goals is half
+                of this.
             unmodelled: Additional load of the joints (..., n), given as the lag, rad or m, that it
                 would cause without friction; None: no load.
 
         Returns:
-            The offsets (..., n), like the unmodelled load.
+            The offsets (..., n), with the leading dimensions of the unmodelled load.
         """
         offsets = np.zeros_like(point.position) if unmodelled is None else unmodelled.copy()
         q, qd, qdd = (
@@ -160,7 +162,7 @@ class _FrictionArrays:
         self._square = np.array([each.square_per_nm for each in gears])
 
     def torque(self, direction: Vector, qd: Vector, frictionless: Vector) -> Vector:
-        """Compute the motor torque against friction (dof,), in the direction of the motion.
+        """Compute the motor torque that overcomes friction (dof,), in the direction of the motion.
 
         The load g of the gears includes the friction itself: ``g = |a + d f|, f = c + l g + s g^2``
         with the load a without friction and the direction d.

@@ -37,7 +37,7 @@ def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -
 def read_registers(
     bus: ServoBus, keys_by_id: Mapping[int, Sequence[_Key]]
 ) -> dict[int, Mapping[_Key, int]]:
-    """Read raw registers, chosen individually for each servo.
+    """Read raw registers, which may differ between servos.
 
     Raises:
         BusError: Servos do not reply in any attempt; all of them are named.
@@ -56,7 +56,7 @@ def read_registers(
 
 
 def with_retries(clock: Clock, access: Callable[[], None]) -> None:
-    """Access a servo at rest; retry after a pause if the access fails.
+    """Access a servo while the arm is at rest; retry after a pause if the access fails.
 
     Raises:
         BusError: The last attempt failed.
@@ -184,7 +184,7 @@ class JointState:
         alarms: The servo's alarms.
         current_a: Current of the motor, if the servo measures it; unsigned for a Feetech servo.
             While the arm moves, it may be older than other values.
-        goal_rad: The last goal sent, in the unit of the position; None without torque.
+        goal_rad: The last goal sent, in the unit of the position; None if torque is off.
     """
 
     name: str

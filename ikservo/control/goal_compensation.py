@@ -42,9 +42,9 @@ class GoalCompensator:
     """Converts the references of an arm's joints to goals for their servos.
 
     The goal of a joint is its reference plus an offset: the feed-forward, the feedback of the
-    joint's error, and at the beginning of a motion the difference to the previous offset, which
-    fades. The load learned by feedback is part of the feed-forward, because friction grows with it.
-    Only joints of the chain have an offset: a gripper may press on something.
+    joint's error, and, at the beginning of a motion, the difference to the previous offset, which
+    fades out. The load learned by feedback is part of the feed-forward, because friction grows with
+    it. Only joints of the chain have an offset: a gripper may press on something.
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
@@ -88,7 +88,7 @@ class GoalCompensator:
         return self._chain
 
     def start(self, gain_shares: Sequence[float]) -> None:
-        """Discard what feedback has learned, because torque was off.
+        """Discard the load and friction that feedback has learned, because torque was off.
 
         Args:
             gain_shares: P gains of all servos (n,), as fractions of those of the parameters.
@@ -105,7 +105,7 @@ class GoalCompensator:
         cycle_time_s: float | None = None,
         measured: Vector | None = None,
     ) -> None:
-        """Begin a motion at a reference (n,), which the servos hold with given goals (n,).
+        """Begin a motion at a reference (n,) that the servos hold with the given goals (n,).
 
         Args:
             reference: The reference of the joints.
@@ -183,7 +183,7 @@ class GoalCompensator:
         """Compute the goals (n,) for a reference, inside the limits.
 
         Args:
-            point: The reference (n,), by the time of the motion.
+            point: The reference (n,), with derivatives with respect to the time of the motion.
             elapsed_s: Time since the last call, by the clock.
             rate: Seconds of the motion per second of the clock.
             ease: The rate at which offsets change (n,), 0 to 1; lower for joints that lag.
@@ -225,7 +225,7 @@ class GoalCompensator:
         fresh: NDArray[np.bool_] | bool = True,
         grow: Vector | float,
     ) -> None:
-        """Feed back the error of the joints (n,) against the reference of the last goals.
+        """Update the feedback with the error of the joints (n,) relative to the last reference.
 
         Args:
             measured: The joints.
@@ -291,7 +291,7 @@ class GoalCompensator:
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
         """Return goals inside the limits, or no further outside than before in this motion.
 
-        A reference that leaves the limits is passed on, so that the guard refuses it.
+        A reference that leaves the limits is not clamped, so that the guard refuses it.
         """
         low, high = self._reference_range
         leaves = (reference < low - self._tick) | (reference > high + self._tick)

@@ -58,8 +58,8 @@ def measure_cycle_time_s(servos: ServoGroup) -> float:
 class TimeScaler:
     """Converts clock time to the time of a motion.
 
-    A motion whose time passes more slowly stays on its path and inside every limit. It brakes in
-    this way, and restarts in this way after a delay of the program.
+    A motion whose time passes more slowly stays on its path and inside every limit. Motions brake
+    in this way, and also restart in this way after a delay of the program.
 
     Args:
         cycle_time_s: The nominal time between two goals.
@@ -79,7 +79,7 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Count one control cycle and adapt the rate; return the advance of the motion.
+        """Process one control cycle and adapt the rate; return the advance of the motion.
 
         Called once per cycle, before the lag of the joints is checked.
 
@@ -149,8 +149,8 @@ _RETURN_S = 0.5
 class SetpointSampler:
     """Samples the positions of a trajectory while its time advances.
 
-    After `restart_from`, the trajectory pauses while setpoints move straight from the stopped
-    joints back to its position; then it continues.
+    After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
+    stopped joints back to its position; then it continues.
 
     Args:
         trajectory: The joint motion.
@@ -233,10 +233,10 @@ class ControlLoop:
         return self._last_cycle
 
     def request_stop(self, reason: StopReason) -> None:
-        """Brake the running motion and end it with ``StoppedError``; safe from anywhere.
+        """Brake the running motion and end it with ``StoppedError``.
 
-        A signal, another thread or a callback may call it. The stop is latched until acknowledged;
-        if nothing moves, the next motion is refused.
+        A signal handler, another thread or a callback may call this method. The stop is latched
+        until acknowledged; if nothing moves, the next motion is refused.
         """
         self._servos.request_stop(reason)
 
@@ -268,7 +268,7 @@ class ControlLoop:
             ServoSilentError: A joint did not reply in three consecutive cycles; the others hold.
             ServoAlarmError: A servo reports a fault, or was reset; the arm holds.
             RefusedError: The guard stopped the motion, or a joint does not follow; the arm holds.
-            PortLostError: The port is gone.
+            PortLostError: The port was lost.
         """
         from ikservo.control.real_time import steady_timing  # noqa: PLC0415
 

@@ -16,8 +16,8 @@ _MAX_S = 0.2  # longest wait before any motion; 1° of backlash of an STS3215 ta
 class Preload:
     """Leads the goals of resting joints until their rotors have crossed the backlash of the gears.
 
-    Otherwise, rotors cross it at the beginning of the motion: arms with 1.7° of backlash started 7
-    mm off their lines, and swung.
+    Without preload, rotors cross the backlash at the beginning of the motion: arms with 1.7° of
+    backlash started 7 mm off their lines, and swung.
 
     Args:
         sides: The direction in which each joint (n,) will move: -1 or 1; 0 for joints without

@@ -3,7 +3,7 @@
 On a busy machine, an ordinary thread wakes tens of milliseconds late, but a thread with real-time
 priority only tenths of a millisecond. Real-time priority is used only if the user has a limit above
 zero on Linux (``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit),
-because root may always use it, even if nobody has asked for it.
+because root could always use it, even if nobody has configured it.
 """
 
 from __future__ import annotations

@@ -87,17 +87,17 @@ class ServoGroup(StreamedServos):
     def enable(self, speed_rad_s: float) -> None:
         """Set each servo's goal to its position, then switch torque on: nothing moves.
 
-        A servo that already holds keeps its goal, because its load has pulled it slightly below. If
-        enabling fails, servos that were limp are limp again.
+        A servo that already holds keeps its goal, because load has pulled its joint slightly below
+        that goal. If enabling fails, the torque of servos that were off is switched off again.
 
         Args:
             speed_rad_s: The speed limit of each servo's horn.
 
         Raises:
-            ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
+            ServoAlarmError: A servo's supply is outside its own limits; no torque was switched on.
             RefusedError: A joint is far outside its servo's limits, its servo is not in a position
-                mode, or a stop was not acknowledged; no torque was switched.
-            ServoRejectedError: A servo keeps an old goal; no torque was switched.
+                mode, or a stop was not acknowledged; no torque was switched on.
+            ServoRejectedError: A servo keeps an old goal; no torque was switched on.
         """
         torque = read_register(self._bus, self._ids, RegisterName.TORQUE_ENABLE)
         self.torque.enabling(was_on=all(torque.values()))
@@ -143,7 +143,7 @@ class ServoGroup(StreamedServos):
         self._switch_on((joint,))
 
     def disable_joint(self, joint: str) -> None:
-        """Switch one joint's torque off; everything that it carries falls.
+        """Switch one joint's torque off; everything that the joint carries falls.
 
         Raises:
             BusError: The servo does not answer.
@@ -172,14 +172,14 @@ class ServoGroup(StreamedServos):
 
     @property
     def overheated(self) -> bool:
-        """Whether a servo was too hot in the last motion to hold."""
+        """Whether a servo was too hot to hold in the last motion."""
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:
         """Read the start (n,) of a motion after ``enable``, rad or m, without writing anything.
 
-        The start is the measured position; a gripper that holds already keeps its goal, because it
-        may press on something. Waits until a sinking arm is at rest.
+        The start is the measured position; a gripper that already holds keeps its goal, because it
+        may press on something. The method waits until a sinking arm is at rest.
 
         Raises:
             BusError: A servo does not answer.
@@ -219,7 +219,7 @@ class ServoGroup(StreamedServos):
     def hold_measured(self, reason: StopReason) -> StopOutcome:
         """Latch a stop and hold the measured positions, while no control loop runs.
 
-        Servos that another program was moving stop; torque is not switched.
+        Servos that another program was moving stop; torque is not changed.
         """
         self.latch_stop(reason)
         return hold_servos(self._bus, self.driven_joints, self.clock)
@@ -238,7 +238,7 @@ class ServoGroup(StreamedServos):
             self.overload.rules[joint] = rule
 
     def check_goal(self, positions: Vector, start: Vector) -> None:
-        """Check a distant goal (n,) before a motion to it from ``start`` (n,) begins.
+        """Check the final goal (n,) of a motion from ``start`` (n,) before it begins.
 
         Raises:
             RefusedError: A joint would leave its limits.
@@ -360,8 +360,8 @@ def hold_ticks(
 ) -> list[int]:
     """Read the tick at which each joint holds, or would hold when its torque comes on.
 
-    A servo that already holds keeps its goal, because its load has pulled it slightly below; unless
-    the goal is outdated and far from the joint.
+    A servo that already holds keeps its goal, because load has pulled its joint slightly below. A
+    goal that is outdated and far from the joint is not kept.
 
     Raises:
         BusError: A servo does not answer.
@@ -402,7 +402,7 @@ def wait_until_settled(
 def wait_until_still(
     driven_joints: Sequence[DrivenJoint], feedback: Feedback, clock: Clock, timeout_s: float
 ) -> None:
-    """Wait until a sinking limp arm is at rest, so that plans start there.
+    """Wait until a sinking limp arm is at rest, so that plans start from its final position.
 
     If the arm falls, the wait ends at once, because torque must come on.
 

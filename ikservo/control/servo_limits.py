@@ -129,7 +129,7 @@ class ServoRamLimits:
         bus: The servo bus.
         servo_ids: The servos to which goals are sent.
         unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
-            its position, and a joint under load sinks from there further than it would move to its
+            its position, and from there a joint under load sinks further than it would move to its
             last goal.
     """
 
@@ -149,7 +149,7 @@ class ServoRamLimits:
         return [i for i in self._watched if "bus_watchdog" in self._limit_registers(i)]
 
     def invalidate(self) -> None:
-        """Write everything again next time, because the servos may have lost their RAM."""
+        """Mark all limits as unwritten, because the servos may have lost their RAM."""
         self._speed_rad_s = None
 
     def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
@@ -193,14 +193,14 @@ class ServoRamLimits:
         self._speed_rad_s = speed_rad_s
 
     def profile_speed_rad_s(self, servo_id: int, speed_rad_s: float) -> float:
-        """Compute a servo's speed towards a goal in a motion with the given top speed, rad/s.
+        """Compute a servo's profile speed for a motion with the given top speed, rad/s.
 
-        The speed is infinite if the profile is a time, because there is then no speed.
+        The speed is infinite if the profile is set as a duration, because there is then no limit.
         """
         return math.inf if self._time_based[servo_id] else _SPEED_MARGIN * speed_rad_s
 
     def arm_watchdog(self) -> None:
-        """Arm the servos' watchdogs: they stop after a tenth of a second without packets.
+        """Arm the watchdogs, which stop their servos after a tenth of a second without packets.
 
         Raises:
             BusError: A servo cannot be written.
@@ -305,7 +305,7 @@ class ServoRamLimits:
         self._expected[servo_id] = {register: counts}
 
     def _read_time_based(self, servo_id: int) -> bool:
-        """Read whether a servo's profile is a time instead of a speed."""
+        """Read whether a servo's profile is set as a duration instead of a speed."""
         mode = self._limit_registers(servo_id).get("drive_mode")
         if mode is None:
             return False

@@ -17,7 +17,7 @@ class StillnessDetector:
     """Detects rest from recent positions by servo or joint: unwrapped ticks, rad or m.
 
     Attributes:
-        window_s: Time for which nothing may have moved.
+        window_s: Time during which nothing may move.
         tolerance: The largest variation of positions that counts as rest.
         least_readings: Minimum number of readings before rest can be detected.
         readings: Times and positions within the window, and the last reading before it.
@@ -82,10 +82,10 @@ def read_until_at_rest(
     """Read joints (n,) until nothing has moved within the detector's window or time is up.
 
     Args:
-        detector: The detector; its window is divided evenly by the readings that it needs.
+        detector: The detector; the readings that it needs are spread evenly over its window.
         read: Measures the joints.
         clock: The clock.
-        timeout_s: The longest time.
+        timeout_s: The longest time to wait.
         ends: Returns whether to stop reading.
     """
     end_s = clock.now_s() + timeout_s

@@ -1,4 +1,4 @@
-"""Stop requests with their reasons, signal handlers, and a stop of all servos in place."""
+"""Stop requests with their reasons, signal handlers, and stopping all servos where they are."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 class StopRequest:
     """A request to stop the arm: its reason and the number of requests.
 
-    Signals and threads may set it, because that is a few assignments. The control loop checks it
-    in every cycle. A stop also ends earlier requests that have not begun to move: ``requested``
-    marks the code that belongs to a request, ``check_request`` ends it.
+    Signal handlers and threads may set it, because this takes only a few assignments. The control
+    loop checks it in every cycle. A stop also ends earlier requests that have not moved the arm
+    yet: ``requested`` marks the code that executes a request, and ``check_request`` raises an error
+    in it after a stop.
 
     Attributes:
         times: The number of stop requests since the last one was acknowledged.
@@ -56,7 +57,7 @@ class StopRequest:
 
     @property
     def count(self) -> int:
-        """The number of stops since the arm was opened, without cancelled motions."""
+        """The number of stops since the arm was opened, not counting cancelled motions."""
         return self._count
 
     @property
@@ -89,7 +90,8 @@ class StopRequest:
 
         Args:
             count: The ``count`` of stops at the request; None for the present one.
-            anew: Whether it is independent of a request that this thread may already be executing.
+            anew: Whether the request is independent of one that this thread may already be
+                executing.
             withdrawn: Set by the requester to withdraw the request; its planning then ends, as
                 after a stop.
         """
@@ -119,7 +121,7 @@ class StopRequest:
         return self.count if marked is None else marked
 
     def is_request_over(self) -> bool:
-        """Return whether this thread's request was withdrawn, or the arm was stopped after it."""
+        """Check whether this thread's request was withdrawn, or the arm was stopped after it."""
         if self._marked is None:
             return False
         count, withdrawn = self._marked
@@ -141,7 +143,7 @@ class StopRequest:
 
     @contextmanager
     def motion(self) -> Generator[None]:
-        """Mark a motion as running within the block: its stop cannot be cleared."""
+        """Mark a motion as running within the block, in which a stop cannot be cleared."""
         before, self._motion_running = self._motion_running, True
         try:
             yield

@@ -117,7 +117,7 @@ class StreamedServos:
 
         Raises:
             StoppedError: A stop was acknowledged since this thread's motion was requested.
-            RefusedError: No goals were sent since torque was off.
+            RefusedError: No goals have been sent since torque was off.
         """
         known = [goal for goal in self._gate.goals if goal is not None]
         if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
@@ -142,8 +142,8 @@ class StreamedServos:
     def refresh_reference(self) -> Vector:
         """Measure the joints at rest; move the reference of a joint that is far from it.
 
-        When its torque comes on, a limp arm sags by the amount that its load explains. Its
-        reference then stays, and the next motion begins by lifting it.
+        When torque is switched on, a limp arm sags by the amount that its load explains. The
+        reference is then not moved, and the next motion begins by lifting the arm.
 
         Returns:
             The reference (n,), rad or m.
@@ -247,9 +247,9 @@ class StreamedServos:
         self._gate.latch_stop(reason)
 
     def acknowledge(self) -> None:
-        """Allow motions again after a stop; torque is checked and set again first.
+        """Allow motions after a stop; before the next one, torque is checked and switched on again.
 
-        A stopped motion still ends; while it runs, the acknowledgement takes effect at its end.
+        While the stopped motion is still running, the acknowledgement takes effect at its end.
         """
         if self.stop_request.motion_running:
             self.stop_request.acknowledged = bool(self.stop_request)
@@ -259,7 +259,7 @@ class StreamedServos:
         self.torque.acknowledged()
 
     def acknowledge_ended(self) -> None:
-        """Complete an acknowledgement that came before the stopped motion had ended."""
+        """Complete an acknowledgement that was given before the stopped motion had ended."""
         if self.stop_request.acknowledged:
             self.acknowledge()
 
@@ -416,7 +416,7 @@ class StreamedServos:
             reference: The reference of the joints (n,); None for the held positions.
 
         Returns:
-            Whether the goals were sent uncut.
+            Whether the goals were sent without being cut.
 
         Raises:
             RefusedError: The guard refuses them; nothing was sent.
@@ -503,7 +503,7 @@ class StreamedServos:
         )
 
     def _hold_goals(self) -> None:
-        """Send hold goals to the servos with torque; the others stay limp."""
+        """Send hold goals to the servos with torque; the others are not changed."""
         ticks: list[int | None] = []
         rows = zip(self.driven_joints, self._gate.goals, self._gate.measured_ticks, strict=True)
         for driven, goal, measured in rows:

@@ -9,7 +9,7 @@
     FIRST_MOTION, HOLDING --lowering_started--> LOWERING --released--> OFF
                                                 LOWERING --lowering_ended--> UNKNOWN
 
-A latched stop is not a state of torque; it belongs to the gate (``guard.Latch``).
+A latched stop is not a torque state; it belongs to the gate (``guard.gate.StopLatch``).
 """
 
 from __future__ import annotations

@@ -46,12 +46,12 @@ _MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not j
 class TrackingFeedback:
     """Computes the change of goals from the error of joints relative to their reference.
 
-    ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error; it and
-    its rate of change are bounded, and it fades if a joint swings. The integral is a load that the
-    model does not know: goals lead by it and by the friction of the gears under it, so that what is
-    learned while a joint sinks also lifts it. It grows so that goals move by ``ki e`` per second.
-    Friction beyond the model's is learned while joints move, from the error along their motion
-    (Friedland and Park 1992, "On adaptive friction compensation").
+    ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error. This sum
+    and its rate of change are bounded, and the sum fades if a joint swings. The integral is a load
+    that the model does not know: goals lead by it and by the friction of the gears under it, so
+    that a load learned while a joint sinks also lifts the joint. The integral grows so that goals
+    move by ``ki e`` per second. Friction beyond the model's is learned while joints move, from the
+    error along their motion (Friedland and Park 1992, "On adaptive friction compensation").
 
     Args:
         per_horn_rad: Motion of each joint per radian of its horn (n,), rad or m.

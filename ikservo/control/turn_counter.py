@@ -13,7 +13,7 @@ class TurnCounter:
 
     Args:
         least: Smallest reversal (n,), rad or m; smaller ones are noise and stiction.
-        within_s: A reversal later than this after the previous one counts as the first again.
+        within_s: Longest time between two reversals; after a longer one, counting starts again.
 
     Attributes:
         count: Reversals of each joint (n,) in quick succession.

@@ -25,10 +25,10 @@ Matrix = NDArray[np.float64]
 
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_POINTS = 20_000
-# A command and two numbers give at least one point, so more of them would give too many points.
-# They are counted before an SVG is read, once per use.
+# Every three tokens (a command and two numbers) give at least one point, so this limit follows from
+# the number of points. Tokens are counted before an SVG is read, once per use.
 _MAX_NUMBERS, _MAX_ELEMENTS, _MAX_DEPTH = 3 * _MAX_POINTS + 100, 10_000, 64
-_MAX_CSS_CHARS = 40_000_000  # of style sheets, which are read again for each element
+_MAX_CSS_CHARS = 40_000_000  # characters of style sheets, which are read again for each element
 _MAX_INHERITED = 2_000_000
 _NUMBERS = ("d", "points", "transform", "gradientTransform", "viewBox")
 _DIGITS = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z]")
@@ -100,7 +100,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     A CSV has a point x, y or x, y, z in each line, and an empty line between two strokes. Its
     numbers are metres, unless its header (``x_mm,y_mm``) or ``unit`` says millimetres.
 
-    An SVG is drawn in its own size (its ``width`` and ``height``; a pixel is 1/96 inch), as seen
+    An SVG is drawn at its own size (its ``width`` and ``height``; a pixel is 1/96 inch), as seen
     from behind the arm: its right is the arm's right, its top is away from the arm. Its lower left
     corner becomes the origin. Needs the extra ``draw``.
 
@@ -250,7 +250,7 @@ def _check_svg(path: Path, text: str) -> None:
 
 
 class _SvgCost:
-    """Counts the elements and numbers of an SVG; those behind a <use> count once per use.
+    """Counts the elements and numbers of an SVG; those that a <use> copies count once per use.
 
     svgelements copies inherited attributes and style declarations to each element.
     """

@@ -1,4 +1,4 @@
-"""Return the names of picture sources without the passwords in their addresses."""
+"""Names of picture sources, without the passwords in their addresses."""
 
 from __future__ import annotations
 

@@ -101,10 +101,10 @@ def _no_number(name: str) -> NoReturn:
 
 
 def path_inside(folder: Path, name: str) -> Path | None:
-    """Return the file with a relative name, resolved, if it is inside ``folder``, or None.
+    """Resolve a relative name to a path inside ``folder``; return None if it leads outside.
 
-    The spelling is checked first, so that no file outside is accessed. Symbolic links are followed
-    then, so that no link leads outside. The file itself is not opened and may be missing.
+    The name is checked first, so that no file outside is accessed. Then symbolic links are
+    resolved, so that none leads outside. The file is not opened and may be missing.
     """
     if not name or len(name) > _MAX_NAME_CHARS or any(sign in name for sign in _OUTWARD):
         return None
@@ -160,7 +160,7 @@ _MAX_QUOTED_CHARS = 60
 
 
 def quote(text: str) -> str:
-    """Return the text in quotes, cut short, with control characters spelled out."""
+    """Return the text in quotes, shortened, with control characters escaped."""
     short = text if len(text) <= _MAX_QUOTED_CHARS else f"{text[: _MAX_QUOTED_CHARS - 1]}…"
     return f'"{short}"' if short.isprintable() else ascii(short)
 

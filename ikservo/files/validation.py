@@ -43,7 +43,7 @@ def first_mistake(error: ValidationError) -> tuple[str, str]:
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
-    """Convert pydantic's errors, unknown keys first, because a misspelled key is also missing."""
+    """Convert pydantic's errors; unknown keys come first, because they may explain missing ones."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     issues = [_make_issue(detail, model) for detail in details]
@@ -76,7 +76,7 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
         expected = f"{close[0]} (known here: {listing})" if close else f"one of {listing}"
         return ValidationIssue(location, "is not a known key", expected)
     message = detail["msg"].removeprefix("Value error, ").removesuffix(".")  # "." follows later
-    if kind == "value_error" and message:  # of a whole table
+    if kind == "value_error" and message:  # concerns a whole table
         return ValidationIssue(location, message, "")
     expected = _resolve_location(location, model)[1]
     if location[-1] == "[key]":
@@ -88,7 +88,7 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
 
 
 def _resolve_location(location: Location, model: type[BaseModel]) -> tuple[type[BaseModel], str]:
-    """Follow a location; return the last model on its path and the last description."""
+    """Return the innermost model at a location, and the description of its field."""
     expected, keys = "", iter(location)
     for key in keys:
         field = model.model_fields.get(str(key))
@@ -111,7 +111,7 @@ def _model_of_annotation(annotation: object) -> type[BaseModel] | None:
 
 
 def _format_value(value: object) -> str:
-    """Format a value as in TOML, cut short."""
+    """Format a value as TOML, shortened."""
     match value:
         case bool():
             return str(value).lower()
@@ -141,7 +141,7 @@ def format_key_path(location: Location) -> str:
 class StrictModel(BaseModel):
     """A table that is refused if a key is unknown or a value has the wrong type.
 
-    Floats must be finite. It is immutable.
+    Floats must be finite. Instances are immutable.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

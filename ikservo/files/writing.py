@@ -22,7 +22,7 @@ from ikservo.errors import FileFormatError, IkservoError
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
 _NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_LONGEST_LOCK_S, _LOCK_POLL_S = 10.0, 0.02  # another program keeps a file for milliseconds
+_LONGEST_LOCK_S, _LOCK_POLL_S = 10.0, 0.02  # another program holds a lock for milliseconds
 _UNCHANGED = "No existing file was changed"
 
 
@@ -62,7 +62,8 @@ def write_atomic(
             permissions.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; it says whether the file is changed.
+        FileWriteError: The disk is full, read-only or broken; the error says whether the file was
+            changed.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
@@ -80,9 +81,9 @@ def write_atomic(
 
 
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
-    """Replace files that belong together, or leave all unchanged if there is not enough room.
+    """Replace files that belong together, or leave all unchanged if disk space is short.
 
-    All are first written next to their targets. Renaming them needs no room.
+    All contents are first written to new files beside them, because renaming needs no space.
 
     Args:
         files: The content of each file; its folder is created if needed.
@@ -151,11 +152,11 @@ def remove_durably(path: Path) -> None:
 def exclusive_access(path: Path) -> Generator[None]:
     """Let only one program at a time read and replace a file; other programs wait.
 
-    The lock is on a file next to it, because replacing the file changes its inode. That file stays.
+    The lock is a file beside it, because replacing the file changes its inode. The lock file stays.
     On Windows there is no lock.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken, or another program keeps the file.
+        FileWriteError: The disk is full, read-only or broken, or another program holds the lock.
     """
     if find_spec("fcntl") is None:
         yield
@@ -205,7 +206,7 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
 
 
 def _write_beside(path: Path, data: bytes, private: bool) -> str:
-    """Write a new file, with the permissions of ``path``, in its folder; return its name."""
+    """Write a new file beside ``path``, with the same permissions; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
     mode, is_new = 0o600 if private else 0o666, not path.exists()
     if not is_new:
@@ -213,7 +214,7 @@ def _write_beside(path: Path, data: bytes, private: bool) -> str:
     handle = os.open(name, _NEW_FILE, mode)
     with _removed_if_it_fails(name):
         if sys.platform != "win32" and not is_new:  # also the bits that the umask removed
-            with contextlib.suppress(OSError):  # FAT and network disks keep no permissions
+            with contextlib.suppress(OSError):  # FAT and network disks store no permissions
                 os.fchmod(handle, mode)
         try:
             left = memoryview(data)

@@ -1,4 +1,4 @@
-"""The space in which an arm keeps its clearances, prepared for checks of many motions."""
+"""The space of postures in which an arm keeps its clearances, for checks of many motions."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from ikservo.kinematics.packed import (
     PackedBody,
 )
 
-# Between postures this far apart the links of a sagging arm count as moving straight. Torques are
-# sines of sums of joints: if three joints turn together and one yields by 0.1 rad, the links
-# deviate from that by about 0.001 rad at most.
+# Between postures this far apart, the links of a sagging arm are assumed to move on straight lines.
+# Torques are sines of sums of joint positions: if three joints turn together and one yields by 0.1
+# rad, the links deviate from this assumption by about 0.001 rad at most.
 _BENDING_STEP_RAD = 0.1
 
 
@@ -114,7 +114,7 @@ class ClearSpace:
     """The postures, and straight motions between them, that keep their clearances.
 
     Motions are checked without gaps: no distance is too small by a millimetre, even to thin things.
-    Only one thread at a time may use it. ``CollisionChecker.clear_space`` makes it.
+    Only one thread at a time may use an object. ``CollisionChecker.clear_space`` makes objects.
 
     Args:
         body: The arm.
@@ -131,7 +131,7 @@ class ClearSpace:
             ``allowed_m``.
 
     Attributes:
-        sampled: The arrays that such searches give to the kernel.
+        sampled: The arrays for the kernel with the distances of ``sampled_m``.
     """
 
     def __init__(
@@ -198,6 +198,6 @@ def _close_postures(start: Vector, goal: Vector) -> Matrix:
 
 
 def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
-    """Append the largest distance of each link to any thing to the allowed ones (2, pairs)."""
+    """Append, for each link, its largest allowed distance to any thing (2, pairs)."""
     of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
     return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])

@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from ikservo.guard.clear_space import ClearSpace, RigidBodies
 
 _TOUCH_M = 1e-9  # rounding of a distance of zero
-# Between two samples a distance may change unseen by this much; deeper contact is found.
+# Between two samples, a distance may decrease unnoticed by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
-# Searches check samples. Samples keep the distance increased by this fraction of its excess over a
-# length, so that the motions between them keep the distance, too.
+# Searches check only samples. At samples, a required distance is increased by this fraction of its
+# excess over a length, so that the motions between samples keep the distance, too.
 _FURTHER = 0.2  # the fraction
 _ABOVE_M = 0.001  # the length
 # A contact at the start may get this much deeper on the path, as when an arm that touches the table
 # turns a joint.
 _DEEPER_M = 5e-4
-_DEEPER_AT_END_M = 1e-6  # at the end it may not, because many short motions would add up
+_DEEPER_AT_END_M = 1e-6  # less at the end, because many short motions would add up
 
 
 class CollisionChecker:
@@ -118,8 +118,9 @@ class CollisionChecker:
         An arm that touches the table or itself may move out of the contact. A pair in contact at
         the start may stay at that depth until it separates; afterwards it may overlap by at most
         0.5 mm. The same holds for a pair that is within 0.5 mm of contact at the start. A stream
-        checks two vectors: the present posture, and where it would stop. Between the vectors,
-        joints move straight; the path is sampled more finely where a contact is possible.
+        checks two vectors: the present posture, and the posture in which it would stop. Between the
+        vectors, joints move on straight lines; the path is sampled more finely where a contact is
+        possible.
 
         Args:
             path: The joint vectors.
@@ -136,7 +137,7 @@ class CollisionChecker:
             The smallest distance on the path [m], without sag.
 
         Raises:
-            CollisionError: Something would touch; the error names the first pair and the deepest
+            CollisionError: A pair would collide; the error names the first pair and its deepest
                 contact.
             BadValueError: A joint is not finite.
         """
@@ -188,8 +189,8 @@ class CollisionChecker:
         Args:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
-                ``margin_m`` there may come as near as half of that on the path. Adjacent links
-                are always near each other: keeping all of it would need very small steps.
+                ``margin_m`` there may come as near as half of that on the path. Adjacent links are
+                always near each other: keeping the whole distance would need very small steps.
             load: Multiple of gravity under which a yielding arm must also keep the distance; 0
                 ignores sag.
         """
@@ -273,8 +274,7 @@ class CollisionChecker:
         """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
         First come the distances of every pair, then those to the surroundings with sag. An arm that
-        lies on the table sags only in this computation, so a contact with sag is not a contact
-        without it.
+        lies on the table sags only in this computation, so the two are kept separate.
         """
         gap_m = self.distances(path)
         if self.sag is None:

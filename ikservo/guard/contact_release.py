@@ -22,7 +22,7 @@ def nearest_free_posture(
 ) -> Vector | None:
     """Find joints (dof,) near ``q`` (dof,) at which nothing touches, rad or m.
 
-    A joint outside its limits (dof,) may return.
+    A joint outside its limits (dof,) may move back inside.
 
     Returns:
         The posture; None if no small step frees the arm.

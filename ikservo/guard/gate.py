@@ -107,9 +107,9 @@ class PassedGoals:
 class Gate:
     """Passes commands that satisfy all checks, and refuses other commands as a whole.
 
-    A command is a goal tick for each of some joints. It passes if every goal is inside the joint's
-    limits, none moves faster than its limit, and none leads the measured joint by more than its
-    maximum lead. A joint outside its limits may be moved back, but never further out. After
+    A command consists of goal ticks for some of the joints. It passes if every goal is inside the
+    joint's limits, none moves faster than its limit, and none leads the measured joint by more than
+    its maximum lead. A joint outside its limits may be moved back, but never further out. After
     `latch_stop` only `pass_hold` passes, until `acknowledge` and `pass_reset` are called.
 
     The gate writes nothing: the caller writes what passed, and then commits it. Goals that were
@@ -236,7 +236,7 @@ class Gate:
         clock_s = self._clock.now_s()
         if now_s is None:
             now_s = clock_s
-        # Each second is used by only one step. This form of the comparison also refuses NaN.
+        # Elapsed time counts for one step only. This form of the comparison also refuses NaN.
         elif not self._passed_s <= now_s <= clock_s:
             raise RefusedError(
                 f"The goals have the time {now_s} s, which is not between that of the last "
@@ -313,7 +313,7 @@ class Gate:
         return tuple([joint.measured for joint in self._joints])
 
     def check_range(self, goals: TickRow, start: Sequence[int]) -> None:
-        """Check distant goals before a motion to them, without sending anything.
+        """Check the final goals of a motion before it begins, without sending anything.
 
         Args:
             goals: The final goals, ticks.

@@ -7,7 +7,7 @@ import math
 from ikservo.errors import RefusedError
 from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 
-# After a stall goals may not jump by the distance that the joint could have moved meanwhile.
+# After a delay of the program, goals may not jump by the distance possible in that time.
 MAX_ELAPSED_S = 0.05
 # A measurement older than this is stale.
 _STALE_S = 0.25

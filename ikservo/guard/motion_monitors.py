@@ -137,7 +137,7 @@ class DeadManSwitch:
 
 # The status of a servo that was not read for this long is unknown.
 _STALE_S = 1.0
-# If a servo protects itself earlier than the arm file says, warnings begin this far below.
+# If a servo's own limit is below that of the arm file, warnings begin this far below it.
 _WARN_BELOW_C = 5.0
 
 
@@ -175,7 +175,7 @@ class _ThresholdFault:
 
 @dataclass(slots=True)
 class _Heating:
-    """The heating rate of a servo, measured between changes, as sensors report whole degrees."""
+    """Heating rate of a servo, measured between changes, because sensors report whole degrees."""
 
     degree_c: float = math.nan
     since_s: float = 0.0
@@ -248,7 +248,7 @@ class HealthMonitor:
     def _hold_c(self, joint: str) -> float:
         """Return the lower of the arm file's holding limit and the servo's trip temperature."""
         hold_c = self._limits.hold_c
-        # Lowering an overheated arm has no limit.
+        # While an overheated arm is lowered, no limit applies.
         return min(hold_c, self._trip_c.get(joint, hold_c)) if hold_c < math.inf else hold_c
 
     def check_telemetry_age(self, time_s: float) -> None:
@@ -357,7 +357,7 @@ def say_what_fell(
     caught: Sequence[str],
     silent: Sequence[str],
 ) -> ServoAlarmError | ServoSilentError:
-    """Return the error that ended a motion, with added text on what has fallen and what holds.
+    """Add to an error which joints have fallen and which hold; return the error.
 
     Args:
         error: The error.

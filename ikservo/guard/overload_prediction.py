@@ -1,4 +1,4 @@
-"""Predict overload before a servo protects itself, from how long and hard joints press."""
+"""Predict when a servo protects itself from overload, from how long and hard its joint presses."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ _ENDED = 0.88  # fraction of the limit below which it ends
 _REACHED_S = 0.1
 _RELAX_LEFT_S = 1.0  # a joint with no more time left than this is relaxed
 _RELAXED_SHARE = 0.6  # fraction of the limit to which it is relaxed
-# A joint that its load barely keeps from starting is near its reference.
+# A joint whose load only just prevents it from starting is near its reference.
 _NEAR_REFERENCE_RAD = 0.045  # at the horn
-_STARTING_S = 0.3  # time that it gets
+_STARTING_S = 0.3  # time that it gets to start
 _LOAD_AGE_S = 0.3  # a reading of the load is valid for this time
 
 
 @dataclass(slots=True)
 class _Pressing:
-    """The state of one joint that may press.
+    """The state of one joint that may press against an obstacle.
 
     Attributes:
         tick: The position since ``still_s``, within the tolerance.
@@ -146,7 +146,7 @@ class OverloadMonitor:
         return tuple(warnings)
 
     def draw_back(self, goals: Sequence[int], ticks: TickRow) -> list[int]:
-        """Draw back the goals of joints that press too long.
+        """Pull back the goals of joints that press for too long.
 
         Such a joint continues to press with 60 % of the output that its servo tolerates, until its
         goal comes back or the obstacle gives way. It does not follow a load that pushes it back.
@@ -180,7 +180,7 @@ class OverloadMonitor:
         """Return goals nearer to the measured ticks for joints that press too hard after a motion.
 
         A goal that is already near enough is left out. No goal is moved away from the measured
-        tick, because other causes than the lag, such as an I gain, may add to the measured load.
+        tick, because causes other than the lag, such as an I gain, may add to the measured load.
 
         Args:
             goals: The present goals.

@@ -13,7 +13,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 MAX_SAMPLE_STEP_RAD = 0.05
 """Largest motion of a joint between two samples of a path that is checked for collisions [rad]."""
 
-_MAX_HALVINGS = 12  # times that the interval between two samples is halved at most
+_MAX_HALVINGS = 12  # largest number of times that the interval between two samples is halved
 
 
 def sample_path(
@@ -22,7 +22,7 @@ def sample_path(
     """Sample joints (k, n) along a path in time, close enough for collision checks.
 
     Args:
-        positions_at: The joints (n,) at a time.
+        positions_at: Returns the joints (n,) at a time.
         duration_s: The duration of the path; both ends are sampled.
         top_speed_rad_s: The maximum speed of any joint.
     """
@@ -45,8 +45,8 @@ def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0)
 def thin_path(joints: Matrix) -> Matrix:
     """Return the rows of a densely sampled path (k, n) that collision checks need.
 
-    The first and the last row are included. Rows are further apart than the sampling step only if
-    the given rows are, by at most the distance of two given rows.
+    The first and the last row are included. The distance between two rows exceeds the sampling step
+    by at most the distance between two given rows.
     """
     travelled = np.abs(np.diff(joints, axis=0)).max(axis=1)
     travelled_rad = np.concatenate([[0.0], np.cumsum(travelled)])
@@ -62,7 +62,7 @@ def refine_path(
     """Refine the samples of a path if a measured value may exceed its limit between them.
 
     Args:
-        path: Joints (k, n), straight between two of them.
+        path: Joints (k, n), interpolated linearly.
         measure: Returns values (k, m) at joints (k, n).
         unresolved_after: Returns, from the values, the indices (i,) of samples before such
             intervals.

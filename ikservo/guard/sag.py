@@ -55,8 +55,8 @@ class GravitySag:
         weight: The masses of the arm, and the compliance of its joints.
 
     Attributes:
-        masses: (links, 4) mass [kg] and centre in the link's frame [m].
-        bounds: (3, dof) compliance for the torque at 1 m/s², lower and upper ends.
+        masses: Array (links, 4) of mass [kg] and centre in the link's frame [m].
+        bounds: Array (3, dof): compliance for the torque at 1 m/s², lower ends, upper ends.
     """
 
     def __init__(self, body: CollisionBody, weight: Weight) -> None:

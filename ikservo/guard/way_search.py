@@ -1,4 +1,4 @@
-"""Search for a path of the joints around obstacles on their straight path.
+"""Search for a joint path around obstacles that block the straight path.
 
 The compiled search (`ikservo.kernels.way_search`) checks samples. A path is shortened, and is
 proven free before it is returned. If a proof fails, the motion is removed from its tree, sampling
@@ -27,7 +27,7 @@ _STEP_M = 0.1  # spacing of postures on an edge of a tree at first
 _FINEST_M = 0.002  # a shortcut that is free at this spacing is not refined further
 _CHUNK = 2000  # postures between two checks for the end of the search
 _CHUNK_IN_PYTHON = 20  # the same without compiled kernels
-# After the first path others are searched, to find a shorter one.
+# After the first path, the search continues for shorter ones.
 _MOST_WAYS = 8  # paths in all
 _SEARCHED_AGAIN = 1  # multiple of the postures for the first path
 _LEAST_AGAIN = 2500  # smallest number of postures
@@ -189,7 +189,7 @@ class WaySearch:
         )
 
     def _other_ways(self, way: Matrix, is_over: Callable[[], bool]) -> list[Matrix]:
-        """Search again from the beginning, with other random numbers, unless a path is short."""
+        """Search again with other random numbers, unless the path is already short."""
         looked, before = self._kernel.LOOKED, (self._nodes, self._parents, self._grow_trees)
         until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
         until = _FOR_EVER if self._takes_time else int(until)
@@ -282,7 +282,7 @@ class WaySearch:
         self._state[sizes + tree] = len(left)
 
     def _shortened(self, way: Matrix, step_m: float) -> Matrix:
-        """Return a path (k, n) without the detours that samples show to be unnecessary."""
+        """Shorten a path (k, n) by shortcuts whose samples are free."""
         room = len(way) + _ROOM
         nodes, state = np.zeros((2 * room, way.shape[1])), self._state.copy()
         nodes[: len(way)] = way

@@ -35,15 +35,15 @@ class ServoBus(RegisterAccess):
     """Read and write registers of the servos on one port.
 
     A register may come from any table, or be a ``RegisterName``, which means each servo's own
-    register of that name; so one call serves a line with several models. Values are in the
-    register's unit; ``raw=True`` uses its integer, for positions the tick.
+    register of that name; so one call works for servos of several models. Values are in the
+    register's unit; ``raw=True`` uses the raw integer (ticks for positions).
 
     Programs may use it without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
     ``action`` are part of this interface, although ikservo does not call them.
 
     Args:
         port: The port.
-        servos: The expected servos, in the order of the cable.
+        servos: The expected servos, in their order along the cable.
         retries: The number of repetitions of a request after a lost reply.
         fast: Whether fast sync read is tried where the family supports it.
 
@@ -106,9 +106,9 @@ class ServoBus(RegisterAccess):
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
         """Read each servo's own registers, with as few requests as the family allows.
 
-        Neighbouring registers are read together. Raises only if the port is lost. A servo that does
-        not reply is in ``errors``, after one common retry of all silent servos; a servo that has
-        been silent for long is polled at a reduced rate.
+        Neighbouring registers are read together. An error is raised only if the port is lost. A
+        servo that does not reply is in ``errors``, after one common retry of all silent servos; a
+        servo that has been silent for long is polled at a reduced rate.
         """
         key = tuple((servo_id, tuple(keys)) for servo_id, keys in refs.items())
         return self._execute_plan(self._plans.get(key) or self._read_plan(key, refs), raw=raw)
@@ -161,7 +161,7 @@ class ServoBus(RegisterAccess):
         batch: dict[tuple[Family, int, int], dict[int, bytes]] = defaultdict(dict)
         for cell, value in zip(cells, values.values(), strict=True):
             lower, upper = cell.register.range
-            # The short branch is for the goals of every cycle.
+            # This fast path is for the goals that are sent in every cycle.
             if raw and cell.plain and type(value) is int and lower <= value <= upper:
                 data = cell.register.encode(value)
             else:
@@ -178,7 +178,7 @@ class ServoBus(RegisterAccess):
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
         """Write each servo's own registers, without replies from the servos.
 
-        Neighbouring registers use one packet, and so do servos as far as the family allows.
+        Neighbouring registers share a packet, and so do several servos if the family allows it.
 
         Raises:
             RegisterAccessError: A register does not allow the given value; nothing was sent to any

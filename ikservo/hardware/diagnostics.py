@@ -29,7 +29,7 @@ _ODD_FAULTS = 8  # this many faults among the samples prove two servos
 def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     """Raise an error that explains a failed request if possible; send only pings and reads.
 
-    Two servos with one id damage or double each other's replies, or contradict the arm file. If
+    Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
     servos are silent, others may be on the line; searching for them takes up to two seconds.
 
     Args:
@@ -110,7 +110,7 @@ _MAX_FOUND = 3  # servos checked closely; more would not change the message
 def find_unexpected_servos(
     port: Port, silent: Sequence[ServoSpec], known: Collection[int]
 ) -> list[FoundServo]:
-    """Find servos that may be the silent ones, first at the expected ids, then at any id.
+    """Find servos that may be the silent ones, first with the expected ids, then with any id.
 
     Args:
         port: The port; its rate is restored.

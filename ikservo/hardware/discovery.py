@@ -26,8 +26,8 @@ def named_port(name: str | None) -> str:
 def choose_port(name: str | None, arm: str = "") -> str:
     """Return the port to use.
 
-    The first of these is taken: the named port, ``IKSERVO_PORT``, the port on which this arm was
-    last found, by its USB serial number, and the only port if there is only one.
+    The candidates, in this order, are: the named port; ``IKSERVO_PORT``; the adapter on which this
+    arm was last found, known by its USB serial number; the only port, if there is only one.
 
     Args:
         name: The port given by the user, if any.

@@ -87,14 +87,14 @@ def update_eeprom(
     """Write EEPROM registers that differ from the given raw numbers; return the changes.
 
     Nothing is written if all are equal already, because EEPROM wears out. Afterwards every number
-    is read back. The memory is locked at the end, even after a failure, or if an earlier run was
-    killed while it was unlocked. The first copy is made before the first change.
+    is read back. The EEPROM is locked at the end, even after a failure, and even if an earlier run
+    was killed while it was unlocked. A backup is made before the first change.
 
     Raises:
         RegisterAccessError: A register is not in EEPROM, forbids its number, or torque is on.
         ServoRejectedError: A number was not stored.
         BusError: The servo does not reply.
-        FileWriteError: The first copy cannot be written; nothing was changed.
+        FileWriteError: The backup cannot be written; nothing was changed.
     """
     servo = bus.servos[servo_id]
     for key in expected:
@@ -125,7 +125,7 @@ def update_eeprom(
 
 
 def refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> None:
-    """Check that an EEPROM register can be written.
+    """Refuse to write an EEPROM register while torque is on.
 
     Raises:
         RegisterAccessError: Torque is on.
@@ -175,7 +175,7 @@ class Backup:
     Attributes:
         path: The file.
         table: The servo model.
-        servo_id: The id at the time, or the one that the servo got then.
+        servo_id: The servo's id after the operation for which the copy was made.
         eeprom: The raw number of every EEPROM register by name.
     """
 
@@ -197,7 +197,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 
 
 def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = None) -> list[Path]:
-    """Write a copy of the EEPROM of each servo without a copy; return the new files.
+    """Write a copy of the EEPROM of each servo that has no copy yet; return the new files.
 
     Args:
         bus: The bus.
@@ -228,7 +228,7 @@ def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
 
 
 def backup_text(bus: ServoBus, servo_id: int, new_id: int | None = None) -> str:
-    """Return a copy of a servo's EEPROM as the text of its file, for the id that it gets, if any.
+    """Return the text of a backup file of a servo's EEPROM, with ``new_id`` as its id if given.
 
     Raises:
         BusError: The servo does not reply.

@@ -1,4 +1,4 @@
-"""Check every goal once more just before it is sent, independently of the checks above."""
+"""Check every goal once more just before it is sent, independently of the guard."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ def write_goals(
     describe: Callable[[int, int], str] | None = None,
     confirmed: bool = False,
 ) -> None:
-    """Write goal positions of servos; no other code in this program writes one.
+    """Write goal positions of servos; no other code in this program writes goals.
 
-    A goal is inside the servo's range, or between the range and where the servo has been: a joint
-    that a limp arm has sunk out of its limits with is held there and moved back, never further out.
+    A goal must be inside the servo's range, or between the range and the tick that the servo has
+    reached: a joint that sank out of its limits while the arm was limp can be held there and moved
+    back, but not further out.
 
     Args:
         bus: The servos.
@@ -33,7 +34,7 @@ def write_goals(
         confirmed: Whether each servo confirms its goal by a reply; if not, one packet carries all.
 
     Raises:
-        RefusedError: A goal is outside, or its servo has no range; nothing was sent.
+        RefusedError: A goal is outside its range, or its servo has no range; nothing was sent.
         RegisterAccessError: The torque of a servo is off; nothing was sent.
         BusError: A servo does not confirm its goal.
     """

@@ -67,7 +67,7 @@ def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
 
 
 class _RecordedTransport:
-    """Passes everything on to a transport, and writes the bytes sent and received to a file.
+    """Wraps a transport, and writes the bytes that it sends and receives to a file.
 
     Each block is one write at the end of the file, so that several programs may share it and
     nothing is lost if one is killed. A full disk ends the recording, not the motion.

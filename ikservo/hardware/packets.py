@@ -15,7 +15,7 @@ class Status:
     Attributes:
         servo_id: The sender.
         data: The parameters, exactly the requested number of bytes.
-        alarm_bits: The alarms that the servo reports; the data are valid all the same.
+        alarm_bits: The alarms that the servo reports; the data are still valid.
         ambiguous: Whether it cannot be distinguished from the reply to an earlier request.
     """
 
@@ -26,7 +26,7 @@ class Status:
 
 
 class FaultKind(Enum):
-    """Why a request has no reply."""
+    """The reason why a request has no usable reply."""
 
     SILENT = "silent"
     GARBLED = "garbled"
@@ -40,7 +40,7 @@ class ReplyFault:
     Attributes:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: The event, as a predicate of the servo's name: "does not answer".
+        found: What happened, as a predicate of the servo's name: "does not answer".
         alarm_bits: The alarms reported by a servo that refuses.
         sent: The request.
         received: Everything that was received.
@@ -83,8 +83,8 @@ class MemoryRange:
     def grown(self, by: int) -> MemoryRange:
         """Return a window that is ``by`` bytes larger than the range.
 
-        It grows towards lower addresses, where there is always memory, and upwards only from the
-        very beginning of the table.
+        The window grows towards lower addresses, which always exist; it grows upwards only if the
+        range is at the very beginning of the table.
         """
         below = min(by, self.address)
         return MemoryRange(self.address - below, self.size + by)
@@ -157,7 +157,7 @@ class PacketCodec(Protocol):
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Parse the replies, if the bytes are those of healthy servos in order and nothing else.
+        """Parse the bytes if they are exactly the expected replies, without errors and in order.
 
         This is the fast path for a healthy line; ``scan`` handles everything else.
 

@@ -1,9 +1,9 @@
 """Track which late replies may still arrive, the health of the line, and the reply timeout.
 
-A status packet contains its sender and its length; it does not identify the request that it
-replies to. A request repeated while a reply is overdue may therefore receive the old reply.
-Waiting 200 ms after each loss is too long, but a request can be formed so that its reply has
-another length than every reply that is still pending.
+A status packet contains its sender and its length; it does not identify the request that it replies
+to. A request repeated while a reply is overdue may therefore receive the old reply. Waiting 200 ms
+after each loss is too long. The next request is therefore formed so that its reply differs in
+length from every reply that is still pending.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at mos
 
 
 class LineHealth:
-    """Health of the line: it is healthy after enough clean requests; each anomaly demands more.
+    """Health of the line: healthy after enough clean requests; each anomaly requires more of them.
 
     Args:
         clean_requests: The number of clean requests until the line counts as healthy.
 
     Attributes:
-        suspect: The line is not known to be healthy: static registers are read twice.
-        degraded: An anomaly occurred recently: in addition, no request is repeated with the same
-            reply length.
+        suspect: Whether the line is not known to be healthy; static registers are then read twice.
+        degraded: Whether an anomaly occurred recently; in addition, no request is then repeated
+            with the same reply length.
     """
 
     def __init__(self, clean_requests: int = _AT_FIRST) -> None:
@@ -54,7 +54,8 @@ class ByteRateCheck:
     """Counts the reply bytes that can have arrived; any excess predates the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
-    therefore applies only after replies have met it for a while, until it has cost a reply.
+    therefore applies only after replies have complied with it for a while, and no longer after it
+    has caused the loss of a reply.
     """
 
     def __init__(self) -> None:
@@ -73,7 +74,7 @@ class ByteRateCheck:
         return max(0, count - int(since_s / byte_s * _MARGIN_BYTES + 1))
 
     def on_reply(self, count: int, since_s: float, byte_s: float) -> None:
-        """Record whether a complete reply came as late as the wire requires."""
+        """Record whether a complete reply took at least its time on the wire."""
         self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
@@ -104,10 +105,10 @@ class _ReceivedReply:
 
 
 class PendingReplies:
-    """The replies that may still come from each servo on one line."""
+    """Records which replies may still arrive from each servo on one line."""
 
     def __init__(self) -> None:
-        self._pending: dict[int, list[tuple[int, float]]] = {}  # size, until when
+        self._pending: dict[int, list[tuple[int, float]]] = {}  # size and expiry time
         self._received: dict[_Ids, deque[_ReceivedReply]] = {}
         self._overlapping: dict[_Ids, list[deque[_ReceivedReply]]] = {}
 
@@ -256,10 +257,10 @@ _MAX_OWN_MISSES = 2  # consecutive timeouts that still count as a servo's fault
 
 
 class AdaptiveTimeout:
-    """Estimate from past replies how long to wait for a reply that may never come.
+    """Timeout for replies that may never come, learned from the delays of past replies.
 
-    USB adapters hold bytes back for 1 to 16 ms, each differently, so the wait starts long and
-    shrinks to a multiple of the slowest recent reply. It grows again while no servo replies.
+    USB adapters hold bytes back for 1 to 16 ms, depending on the model, so the timeout starts long
+    and shrinks to a multiple of the slowest recent reply. It grows again while no servo replies.
     """
 
     def __init__(self, min_s: float, max_s: float) -> None:

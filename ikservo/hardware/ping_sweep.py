@@ -145,8 +145,8 @@ def ping_ids(
         servo_ids: The ids to ping; an id may occur several times.
         on_ping: Called with the number of pings sent so far.
         echoes: Whether the adapter echoes; None detects it, which takes several ids.
-        one_by_one: Wait for each reply, and briefly for a second one; stop if the first pings have
-            no reply.
+        one_by_one: Whether to wait for each reply, and briefly for a second one, and to stop if the
+            first pings have no reply.
 
     Raises:
         PortLostError: The port is lost.
@@ -188,7 +188,7 @@ class _ScanReceiver:
 
     @property
     def has_received(self) -> bool:
-        """Whether any byte came."""
+        """Whether any byte was received."""
         return bool(self._pending or self._results.frames or self._results.junk)
 
     def ping_packet(self, servo_id: int) -> bytes:

@@ -17,7 +17,7 @@ from ikservo.errors import PortError, PortLostError
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
-# The camelCase names are the vendors', whose packet handlers call them.
+# The vendors' packet handlers call these methods by their camelCase names.
 # ruff: noqa: N802
 
 _BITS_PER_BYTE = 10  # 8N1: start, eight data bits, stop
@@ -47,15 +47,15 @@ _LINE_FAILS = _port_loss_exceptions()
 class SdkPort:
     """The interface of the vendors' ``PortHandler`` on an open transport.
 
-    Their packet handlers need all methods of that class: ``readPort`` and the packet timeouts exist
-    only for them, because ``ReplyReader`` receives.
+    The vendors' packet handlers need all methods of that class. ``readPort`` and the packet
+    timeouts exist only for them, because ikservo receives with ``ReplyReader``.
     """
 
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
         self.connect(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use this transport from now on; reset the measurements."""
+        """Set the transport to use from now on; reset the measurements."""
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)
@@ -86,7 +86,7 @@ class SdkPort:
             PortLostError: The port is lost.
         """
         data = more = self._read_transport(size, deadline_s)
-        while more and len(data) < size:  # a transport that does not wait for all of it
+        while more and len(data) < size:  # some transports return before all bytes have come
             more = self._read_transport(size - len(data), deadline_s)
             data += more
         return data
@@ -113,7 +113,8 @@ class SdkPort:
     def sleep_until_due(self, expected: int) -> None:
         """Sleep until ``expected`` bytes can have arrived, to wake up once for many packets.
 
-        Servos that keep a return delay only take longer. In virtual time there is no sleep.
+        Return delays are not included, because they only make replies later. In virtual time there
+        is no sleep.
         """
         if self._virtual:
             return
@@ -130,7 +131,7 @@ class SdkPort:
         self.disconnect()
 
     def disconnect(self) -> None:
-        """Close the transport; ``connect`` takes another one."""
+        """Close the transport; ``connect`` can then set another one."""
         if self.is_open:
             self.is_open = False
             with contextlib.suppress(*_LINE_FAILS):
@@ -228,13 +229,13 @@ class SdkPort:
 class Port(SdkPort):
     """One serial line, used by one thread at a time.
 
-    Differences from the vendors' ``PortHandler``: stale input is really discarded (F1, D6 in
+    Differences from the vendors' ``PortHandler``: stale input is actually discarded (F1, D6 in
     docs/sdk-defects.md), waits are sized to the request (F2), time is monotonic (F3, D7), reads
     block instead of spinning (F4), the port is exclusive (F5), every baud rate is possible (F6,
     D8), and a lost port is one named error.
 
     Attributes:
-        transport: Carries the bytes; only the port reads and writes it.
+        transport: Carries the bytes; only the port may read from it or write to it.
         name: The name that the user gave.
         clock: The transport's own virtual clock, or the machine's.
         lock: Held during a request and its reply (F17, D14).
@@ -253,7 +254,7 @@ class Port(SdkPort):
         abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Use another transport from now on; discard the measurements on the old one."""
+        """Set another transport to use from now on; discard the measurements on the old one."""
         super().connect(transport, name, baud_rate)
         self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
@@ -298,7 +299,7 @@ class Port(SdkPort):
         return 0 if self.echoes is False else len(self.sent)
 
     def reopen(self) -> Port:
-        """Return another opening of the line with the same attributes, closed separately."""
+        """Return another port object with the same transport and state; it is closed separately."""
         opening = object.__new__(Port)
         opening.__dict__ = self.__dict__
         abandon_in_forked_children(opening)
@@ -330,7 +331,7 @@ class Port(SdkPort):
 
 
 class _ClosedTransport:
-    """Replaces the transport of an opening while others still use that transport."""
+    """Stands in for the transport in a closed port object while other port objects still use it."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise OSError(errno.EBADF, "closed")
@@ -340,7 +341,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """Replaces the transport that this process's parent uses, and keeps it without closing it."""
+    """Stands in for the transport of the parent process, which it keeps without closing it."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport
@@ -361,7 +362,7 @@ _opening = threading.Lock()
 
 def _forget_openings() -> None:
     """Forget the parent's openings in a forked child."""
-    global _opening  # noqa: PLW0603  # a thread of the parent may hold it for ever
+    global _opening  # noqa: PLW0603  # a thread of the parent may hold the old lock for ever
     _opening = threading.Lock()
     _openings.clear()
 
@@ -373,8 +374,8 @@ if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
 def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[int] = ()) -> Port:
     """Open a port by its name, see ``open_transport``.
 
-    A device that this process has open for other servos, at the same rate, is shared: each request
-    and its reply have the line to themselves.
+    If this process already has the device open for other servos at the same rate, the port is
+    shared; requests then wait for each other.
 
     Args:
         name: The port.

@@ -1,4 +1,4 @@
-"""Access to registers of single servos; no goal can switch on the torque of a limp servo."""
+"""Access to registers of single servos; no goal can switch on torque that is off."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class RegisterAccess:
 
     Args:
         port: The port.
-        servos: The expected servos, in the order of the cable.
+        servos: The expected servos, in their order along the cable.
         retries: The number of repetitions of a request after a lost reply.
         fast: Whether fast sync read is tried where the family supports it.
 
     Attributes:
-        backup_owner: The name of the folder of first EEPROM copies; empty: none are made.
+        backup_owner: Name of the folder for EEPROM backups; empty: no backups are made.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class RegisterAccess:
             return isinstance(now, Status) and now.data == data
 
         if register is servo.table.torque_enable:
-            self._torque_on.discard(servo_id)  # until its reply tells the state
+            self._torque_on.discard(servo_id)  # until its reply confirms the state
         moves_servo = register in (servo.table.id, servo.table.baud_rate)
         self._requester.request(
             servo,
@@ -148,11 +148,11 @@ class RegisterAccess:
     def write_until_power_off(self, servo_id: int, register: Register, raw: int) -> None:
         """Write a register with immediate effect, even under torque, without storing it.
 
-        A Feetech servo accepts a number for its EEPROM while this is locked, and forgets it without
-        power (memory tables, register ``lock``).
+        A Feetech servo accepts a number for its EEPROM while the EEPROM is locked, and loses the
+        number at power-off (memory tables, register ``lock``).
 
         Raises:
-            RegisterAccessError: The register forbids the write, or would be stored.
+            RegisterAccessError: The register forbids the write, or the number would be stored.
             BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)
@@ -242,7 +242,7 @@ class RegisterAccess:
         return servo_id in self._torque_on
 
     def check_may_move(self) -> None:
-        """Raise if another program has stopped this one, because no servo may then get torque.
+        """Raise if another program has stopped this one, because torque must then stay off.
 
         Raises:
             StoppedError: Another program has stopped this one.
@@ -252,11 +252,12 @@ class RegisterAccess:
 
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
-        """Allow goals to servos without torque within the block that switches it on.
+        """Allow goals to servos whose torque is off, within the block that switches torque on.
 
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
-        must be the servo's position. A servo whose torque was off, and is not on after the block,
-        is switched off in case its goal has switched it on; if the block fails, all of these are.
+        must be the servo's position. A servo whose torque was off before the block, and is not
+        known to be on afterwards, is switched off in case its goal switched torque on. If the block
+        fails, all servos whose torque was off are switched off.
 
         Args:
             measured: The present position of each servo, raw ticks by id, read just before,
@@ -306,7 +307,7 @@ class RegisterAccess:
         return encode_value(servo, register, value, raw=raw)
 
     def _check_goal(self, servo: ServoSpec, register: Register, data: bytes) -> None:
-        """Refuse a goal position that could switch on the torque of a limp servo.
+        """Refuse a goal position that could switch on the torque of a servo.
 
         Torque is read if it is not known to be on.
 

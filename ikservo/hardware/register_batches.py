@@ -18,7 +18,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Access, Area, Family, Register, RegisterName, TwosComplement, Unsigned
 
 MAX_GAP_BYTES = 8
-"""Bytes between two registers that cost no more time than a second request to six servos."""
+"""Unused bytes between two registers that take no longer than a second request to six servos."""
 
 
 def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Register]]:

@@ -14,12 +14,12 @@ from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Family
 
-_UNRESPONSIVE_AFTER = 3  # losses in a row
+_UNRESPONSIVE_AFTER = 3  # consecutive losses
 _PROBE_PERIOD_S = 0.25
 
 
 class SilenceBackoff:
-    """Decides whether a servo in a group is read now.
+    """Decides in which cycles a silent servo of a group is read.
 
     A servo that has lost three consecutive replies is read again every quarter of a second, until
     it replies; in between, its last fault is repeated.
@@ -58,7 +58,7 @@ class SilenceBackoff:
 def make_driver(
     family: Family, port: Port, *, fast: bool = True, bulk_ids: Collection[int] = ()
 ) -> ProtocolDriver:
-    """Make a driver for a family of servos; its vendor's SDK is imported only now.
+    """Make a driver for a family of servos; the vendor's SDK is imported on this call.
 
     Args:
         family: The protocol family.
@@ -85,7 +85,7 @@ def silence_hint(
     """Return a hint on what to check, based on which servos reply.
 
     Args:
-        chain: The servos in the order of the cable.
+        chain: The servos in their order along the cable.
         replying: Ids that replied.
         silent: Ids that did not reply.
     """
@@ -201,7 +201,7 @@ class Requester:
         return self._require_reply(servo, reply, request)
 
     def request_many(self, step: ReadBatch) -> tuple[dict[int, bytes], dict[int, BusError]]:
-        """Read a span of each of many servos' memories, with as few requests as possible.
+        """Read one memory span of each of many servos, with as few requests as possible.
 
         Lost replies are requested together once more; servos that have been silent for long are
         polled at a reduced rate.
@@ -260,13 +260,13 @@ class Requester:
         exchange: Callable[[], Reply],
         confirm: Callable[[Status], bool] | None,
     ) -> Reply:
-        """Send a request once; an ambiguous reply counts only once confirmed."""
+        """Send a request once; accept an ambiguous reply only if a second reading confirms it."""
         reply = self._request_once(servo, exchange)
         if isinstance(reply, ReplyFault) or not (
             reply.ambiguous or (self.port.health.suspect and confirm)
         ):
             return reply
-        if confirm is None:  # cannot be compared: repeat when no reply is pending
+        if confirm is None:  # no way to compare: repeat when no reply is pending
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))
             return self._request_once(servo, exchange)
         if confirm(reply):

@@ -103,7 +103,7 @@ def _identify_model(port: Port, framing: Framing, found: FoundServo, data: bytes
 
 
 def _read_first_registers(port: Port, servo_id: int) -> bytes | None:
-    """Read the first registers, in the way that all families of protocol 1 share."""
+    """Read the first registers by the instruction that all families of protocol 1 share."""
     driver = make_driver(Family.FEETECH_STS, port)
     for _ in range(_READS):
         reply = driver.read(servo_id, 0, _HEAD_BYTES)

@@ -70,7 +70,7 @@ class SerialAdapter:
         by_id: The name that does not depend on the USB socket; empty if there is none.
         vid: USB vendor id.
         pid: USB product id.
-        serial_number: Identifies an arm's adapter; empty if it has none.
+        serial_number: The serial number, which identifies an arm's adapter; empty if there is none.
         description: The adapter's own description.
     """
 
@@ -83,7 +83,7 @@ class SerialAdapter:
 
     @property
     def chip(self) -> str:
-        """The chip by vendor and product, or the adapter's own description."""
+        """The name of the chip, from vendor and product id, or the adapter's own description."""
         return chip_name(self.vid, self.pid) or self.description or "unknown"
 
     @property
@@ -135,7 +135,7 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
 
 
 def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterator[AdapterEvent]:
-    """Yield adapters as they are plugged in and unplugged, without end.
+    """Yield an event whenever an adapter is plugged in or unplugged; never ends.
 
     Args:
         clock: The clock; the real one if None.
@@ -151,7 +151,7 @@ def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterato
 
 
 def chip_name(vid: int, pid: int) -> str:
-    """Return the chip of a USB vendor and product id, the maker alone, or nothing."""
+    """Return the chip of a USB vendor and product id; if unknown, its maker or an empty text."""
     return _CHIPS.get((vid, pid)) or _MAKERS.get(vid, "")
 
 
@@ -182,7 +182,7 @@ _MACOS_NAME = re.compile(r"/dev/ttys\d+")
 
 
 def is_pseudo_terminal(port_name: str) -> bool:
-    """Check whether a port's name, links followed, is one end of a pseudo-terminal."""
+    """Check whether a port's name, after following links, is one end of a pseudo-terminal."""
     path = Path(port_name)
     try:
         device, mode = path.stat().st_rdev, path.stat().st_mode
@@ -194,7 +194,7 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return a hint about plugs and cables, or another for a pseudo-terminal, which has none."""
+    """Return ``hint``, which is about plugs and cables, or another hint for a pseudo-terminal."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (
@@ -269,6 +269,6 @@ def _permission_hint(name: str) -> str:
 
 
 def list_devices() -> list[str]:
-    """List the serial ports to which an arm may be connected, without the mainboard's."""
+    """List the serial ports to which an arm may be connected, except those of the mainboard."""
     devices = sorted(port.device for port in list_ports.comports())
     return [device for device in devices if not device.startswith("/dev/ttyS")]

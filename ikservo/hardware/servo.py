@@ -14,7 +14,7 @@ from ikservo.registers import Alarm, ControlTable
 
 @dataclass(frozen=True, slots=True)
 class ServoSpec:
-    """A servo that should be on the line.
+    """A servo that is expected on the bus.
 
     Attributes:
         id: The bus id.
@@ -112,7 +112,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Readings(Generic[T_co]):
-    """A partial result; received values are kept.
+    """Result of a group read; if some servos fail, the values of the others are kept.
 
     Attributes:
         values: The value of each servo that replied.

@@ -16,12 +16,13 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
     """Switch a servo's torque on at its present position; return that tick.
 
     Its goal is set there and read back before torque is switched on, because a joint that was moved
-    by hand would otherwise jump to an old goal. A joint slightly outside its servo's limits comes
-    back to them.
+    by hand would otherwise jump to an old goal. A joint slightly outside its servo's limits moves
+    back inside them.
 
     Raises:
         ServoAlarmError: The supply voltage is outside the servo's limits.
-        RefusedError: The servo is far outside its limits or in no position mode; torque stays off.
+        RefusedError: The servo is far outside its limits or not in a position mode; torque stays
+            off.
         BusError: The servo does not reply, or does not accept the goal.
     """
     check_supply_voltage(bus, servo_id)
@@ -104,8 +105,8 @@ def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> t
         held: The raw numbers of its ``goal_range_registers``.
 
     Raises:
-        RefusedError: The servo is not in a position mode: with torque it would turn without end, or
-            by the goal from its position.
+        RefusedError: The servo is not in a position mode: with torque on, it would turn without
+            end, or move by the goal relative to its position.
     """
     table, mode = servo.table, held.get(RegisterName.OPERATING_MODE)
     limits = held[RegisterName.MIN_POSITION_LIMIT], held[RegisterName.MAX_POSITION_LIMIT]

@@ -1,8 +1,8 @@
 """Open byte transports (serial device, pyserial URL, plug-in), with an exclusive lock.
 
-pyserial makes two system calls where one would suffice, before each read and after each write, so
-that another thread can wake it, which is not used here. With six servos that reply in sequence,
-this takes a third of a cycle.
+Before each read and after each write, pyserial makes an extra system call so that another thread
+can wake it; ikservo does not need this. With six servos that reply in sequence, these calls take a
+third of a cycle.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def has_descriptor(port: object) -> bool:
 
 
 class FileDescriptorPort:
-    """The bytes of one port; opening, rates and closing stay with pyserial.
+    """Reads and writes a port through its file descriptor; pyserial opens and closes the port.
 
     Attributes:
         timeout: The time that ``read`` waits, seconds.
@@ -138,7 +138,7 @@ def acquire_lock(device: str) -> PortLock:
     """Take the lock of a device; Windows itself lets one program at a time open a serial port.
 
     Raises:
-        PortBusyError: Another process, or another part of this one, holds it; it is named.
+        PortBusyError: Another process, or another part of this one, holds the lock; it is named.
     """
     try:
         import fcntl  # noqa: PLC0415  # not on Windows
@@ -206,7 +206,7 @@ class Transport(Protocol):
         ...
 
     def flush(self) -> None:
-        """Return once everything written is on the line."""
+        """Return once all written bytes have been sent."""
         ...
 
     def close(self) -> None:
@@ -305,12 +305,12 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
 
 
 class _LockedTransport:
-    """A pyserial port and its lock, which is released with it.
+    """A pyserial port and its lock, which is released when the port is closed.
 
     Both belong to the process that opened them: ``abandon`` closes a forked child's copies.
 
-    Setting pyserial's ``timeout`` reconfigures the device, over the network for a remote one,
-    although only ``read`` uses it; so if possible it is set without pyserial.
+    Setting pyserial's ``timeout`` reconfigures the device, even over the network, although only
+    ``read`` uses the value. If possible, the value is therefore set without pyserial.
     """
 
     def __init__(self, port: serial.Serial, lock: PortLock) -> None:

@@ -1,7 +1,7 @@
 """Import modules that several packages on PyPI provide under the same name.
 
 The package that was installed last has overwritten the files of the others, and uninstalling it
-leaves a part of the module. Errors then come from somewhere inside that module.
+leaves an incomplete module. Errors then come from somewhere inside that module.
 """
 
 from __future__ import annotations

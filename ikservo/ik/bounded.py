@@ -73,8 +73,9 @@ def bounded(
 ) -> Result:
     """Search from q0, then from the points of ``first``, then from a fixed table.
 
-    The first solution ends the search; if q0 leads to none, the result is the nearest to q0 of the
-    first few solutions. Without a solution it is the closest over all starting points.
+    If q0 leads to a solution, the search ends there; otherwise the result is the nearest to q0 of
+    the first few solutions. Without a solution, the result is the closest approach over all
+    starting points.
     """
     if first or options.trace:
         return Search(chain, target, options, first).solve(chain, target, q0)
@@ -82,10 +83,10 @@ def bounded(
 
 
 class Search:
-    """The search for one kind of target: kernel and arrays, for one thread.
+    """Prepared search for one kind of target: kernel and arrays, for one thread.
 
-    A search must not refer to the chain, which is its key in the cache; otherwise neither would
-    ever be freed.
+    A search must not refer to its chain, because the chain is its key in the cache; otherwise
+    neither would ever be freed.
 
     Args:
         chain: The arm.
@@ -137,13 +138,13 @@ _Key = tuple[bool, str | None, bytes, bytes, Options]
 
 
 class _Searches(threading.local):
-    """The searches that a thread has prepared, the most recent ones of each chain."""
+    """Cache of a thread's prepared searches: the most recent ones of each chain."""
 
     def __init__(self) -> None:
         self._prepared = WeakKeyDictionary[Chain, dict[_Key, Search]]()
 
     def find(self, chain: Chain, target: Target, options: Options) -> Search:
-        """Return the search for such targets; prepare it if necessary."""
+        """Return the search for targets of this kind; prepare it if necessary."""
         offset = _offset_array(target)
         point = b"" if offset is None else offset.tobytes()
         axis = b"" if target.direction is None else target.axis.tobytes()

@@ -53,17 +53,17 @@ PoseKernel = Callable[[ArrayLike, ArrayLike], int]
 _FLOAT64 = np.dtype(np.float64)
 # A start this close to the last result continues its path.
 _SAME_RAD = 0.01
-# This far from a straight pose it is clear to which side the arm bends. Redundant joints are also
-# moved back by up to this, because at their limits they would block later.
+# From this bend on it is clear to which side the arm bends. Redundant joints are also moved away
+# from their limits by up to this angle, because they would block there later.
 _MIN_BEND_RAD = 0.3
 
 
 class BranchMemory:
-    """The posture on a path before its target went out of reach.
+    """Memory of the posture that a path had before its target went out of reach.
 
-    Out of reach an arm stretches until it is straight, and could then bend to either side. The
-    search for the first target within reach again therefore starts slightly towards the last joints
-    that reached their target.
+    When its target is out of reach, an arm stretches until it is straight, and could then bend to
+    either side. When a target is in reach again, the search therefore starts from joints slightly
+    bent towards the last ones that reached a target.
 
     Args:
         dof: Number of joints.
@@ -74,7 +74,7 @@ class BranchMemory:
         self._out = False
 
     def is_beyond_reach(self, q0: ArrayLike) -> bool:
-        """Check whether a path at ``q0`` (dof,) is out of reach at present."""
+        """Check whether ``q0`` (dof,) continues a path whose last target was out of reach."""
         return self._out and self._is_same_path(q0)
 
     def start_joints(self) -> Vector:
@@ -99,9 +99,9 @@ class Solver:
 
     A call is ``solve(…, nearest=False)``: it starts at ``q0`` and restarts elsewhere if that fails.
     Joints that do not move the point stay at ``q0``. ``track`` follows a path: it searches from
-    ``q0`` only, never jumps to another branch, and moves as near as it can if a limit blocks. A
-    path that continues from the last result and has stretched the arm straight returns on the
-    side from which it came.
+    ``q0`` only, never jumps to another branch, and moves as near as it can if a limit blocks. If a
+    path that continues from the last result has stretched the arm straight, the arm bends back to
+    the side from which it came.
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.

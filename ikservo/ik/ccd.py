@@ -1,6 +1,6 @@
 """Cyclic coordinate descent: move one joint after another to its best position.
 
-One joint alone moves the tip along a circle or a straight line, and its point nearest to the target
+One joint alone moves the tip along a circle or a straight line, whose point nearest to the target
 is known in closed form; a joint moves towards it by at most `MAX_STEP` per sweep. No matrix is
 inverted and the error never grows; but joints that must move together alternate, which is slow
 along narrow valleys.
@@ -62,13 +62,13 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
 
 def best_translation(E: Vector, v: Vector) -> float:
-    """Compute the distance along v (m,) with the tip nearest to the target: ``(E·v) / (v·v)``."""
+    """Compute the distance along v (m,) that brings the tip nearest to the target."""
     size = float(v @ v)
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 
 
 def clamp_angle_to_range(angle_rad: float, low_rad: float, high_rad: float) -> float:
-    """Return the angle in a range of at most one revolution that is nearest on the circle."""
+    """Clamp an angle, by the shorter way round, to a range of at most one revolution."""
     if low_rad <= angle_rad <= high_rad:
         return angle_rad
     return max(low_rad, high_rad, key=lambda end: math.cos(end - angle_rad))

@@ -58,7 +58,7 @@ def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
 
 # Two solutions this close [rad] are the same, found with different rounding.
 _ONE_SOLUTION_RAD = 1e-7
-# Wrists to try, as fractions of the ranges, if the start's own wrist does not reach.
+# Wrist positions to try, as fractions of the ranges, if that of the start finds no solution.
 _WRIST_SAMPLES = (0.5, 0.2, 0.8, 0.02, 0.98)
 # Axes that are not quite parallel increase the orientation error by up to this factor, most near
 # the yaw axis. Refinement decides between solutions.
@@ -68,9 +68,9 @@ _MISSED_PER_DEVIATION = 1e3
 def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
     """Compute joints (dof,) that meet the target, one for each branch, nearest to q0 first.
 
-    If the target leaves freedom, each branch gives the solution nearest the start: the wrist stays,
-    and the last link keeps its direction as well as the limits allow. Angles that differ by full
-    revolutions are one solution; the one nearest q0 is returned.
+    If the target leaves freedom, each branch gives the solution nearest the start: the wrist keeps
+    its position, and the last link its direction, as well as the limits allow. Angles that differ
+    by full revolutions are one solution; the one nearest q0 is returned.
 
     Args:
         chain: The arm.
@@ -79,7 +79,7 @@ def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tupl
 
     Returns:
         Joints inside the limits; none if the target is out of reach, or if the arm has no closed
-            form for it (see ``recognise_structure``).
+            form for this target (see ``recognise_structure``).
 
     Raises:
         BadValueError: q0 has a wrong shape or is not finite.
@@ -117,9 +117,10 @@ def approximate_solutions(chain: Chain, target: Target, problem: AnalyticProblem
 def _with_another_wrist(
     chain: Chain, target: Target, problem: AnalyticProblem
 ) -> Iterator[tuple[Candidate, ...]]:
-    """Yield the candidates of six joints when the wrist does not stay as at the start.
+    """Yield candidates for six joints whose wrist leaves its start position.
 
-    The forearm's roll at zero, which makes three parallel links, comes first; then a few wrists.
+    The first have the forearm's roll at zero, which gives three parallel links; the others have one
+    of a few wrist positions.
     """
     arm, start = problem.arm, problem.start
     if arm.with_wrist_locked:
@@ -153,7 +154,7 @@ def initial_joints(chain: Chain, q0: ArrayLike | None) -> Vector:
 def direction_intervals(
     chain: Chain, target: Target, q0: ArrayLike | None = None
 ) -> tuple[DirectionInterval, ...]:
-    """Return every interval of directions with which three links reach the target's point.
+    """Return every interval of last-link directions in which three links reach the target point.
 
     Args:
         chain: The arm.
@@ -184,11 +185,11 @@ def direction_intervals(
 def closest_solution(
     chain: Chain, target: Target, q0: ArrayLike | None = None
 ) -> tuple[Vector, ...]:
-    """Find joints (dof,) that come closest to an unreachable target, if they are known.
+    """Find joints (dof,) that come closest to an unreachable target, if a closed form gives them.
 
-    The closed form gives the nearest point of a planar arm, and the nearest direction of an arm
-    whose wrist cannot help, which meets the point and rotates the tool as far as the limits allow.
-    The best joints are among the returned ones; all are inside the limits.
+    A planar arm comes to the nearest point. An arm whose wrist cannot help meets the point and
+    rotates the tool as far as the limits allow. The best joints are among the returned ones; all
+    are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:
@@ -225,7 +226,7 @@ def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) ->
 
 
 def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ...]:
-    """Return the joints whose planar links come nearest, best first."""
+    """Return the joints (dof,) whose planar links come nearest to the target point, best first."""
     plane = problem.arm.plane
     found = nearest_planar_angles(
         plane.links(problem.tip.in_plane_part(problem.start_roll)),
@@ -239,8 +240,8 @@ def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ..
 def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Return the solution nearest the start, or the closest posture if that is known exactly.
 
-    If neither is known in closed form, ``bounded`` searches from the nearest postures in closed
-    form, and ``method`` of the result is "bounded".
+    If neither is known, ``bounded`` searches from the nearest closed-form postures, and ``method``
+    of the result is "bounded".
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
 

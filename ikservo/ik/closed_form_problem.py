@@ -1,9 +1,9 @@
 """Problem that a closed form solves: target, axis constraints, remaining freedom.
 
-Undoing the yaw φ brings the target point M and the target directions d to the arm's plane; the
-roll ψ moves the tool point w and the tool axes a. Planar joints rotate the part along the plane by
-α and keep the part across. A solution therefore satisfies ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)``
-across the plane, and a planar problem along it.
+Undoing the yaw φ brings the target point M and the target directions d to the arm's plane; the roll
+ψ moves the tool point w and the tool axes a. Planar joints rotate the component along the plane by
+α and keep the component across it. A solution therefore satisfies ``M(φ) = w(ψ)`` and ``d(φ) =
+a(ψ)`` across the plane, and a planar problem along it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class AxisConstraint:
         return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
 
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
-        """Compute the distance of a, rotated by α, from d (about the angle in rad)."""
+        """Compute the distance between d and a rotated by α, which is about the angle in rad."""
         along = self.target.in_plane_part(yaw_rad)
         along -= cmath.rect(1.0, alpha_rad) * self.tool.in_plane_part(roll_rad)
         across = self.target.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
@@ -80,12 +80,12 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnalyticProblem:
-    """A target for an arm, in the arm's own circles.
+    """A target for an arm, expressed by the circles on which its joints move points.
 
     Attributes:
         arm: The structure of the arm.
-        start: The start (dof,), anywhere.
-        held: The start, clamped to the limits; joints without influence stay there.
+        start: The start (dof,), which may be outside the limits.
+        held: The start, clamped to the limits, which joints without influence keep.
         point: The circle of the target point about the yaw axis.
         tip: The circle of the tool point about the roll axis.
         aims: The axis constraints: none, one for a direction, three for an orientation.
@@ -109,7 +109,7 @@ class AnalyticProblem:
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:
-        """Yield the yaws inside the limits that put the target point this far across the plane."""
+        """Yield the yaws inside the limits with the target point at ``across`` from the plane."""
         angles = self.point.angles_at_normal(across)
         for angle in (self.start_yaw,) if angles is None else angles:
             if (yaw := self.yaw_within_limits(angle)) is not None:
@@ -136,7 +136,7 @@ class AnalyticProblem:
         return self.point.in_plane_part(yaw_rad) - self.arm.plane.pivots[0]
 
     def tool_direction(self, yaw_rad: float, roll_rad: float) -> float | None:
-        """Return α, the rotation of the last link for the aims; None if it is free."""
+        """Return α, the rotation of the last link that the aims require; None if it is free."""
         products = [aim.phase_product(yaw_rad, roll_rad) for aim in self.aims]
         if all(abs(product) < _NO_ANGLE for product in products):
             return None
@@ -186,7 +186,7 @@ class AnalyticProblem:
 def make_problem(
     chain: Chain, arm: ArmStructure, target: Target, q0: Vector, wrist_rad: Sequence[float] = ()
 ) -> AnalyticProblem:
-    """Express a target in the circles of the arm; wrist joints behind the roll are held.
+    """Express a target by the circles of the arm; wrist joints behind the roll are held.
 
     The held joints keep the start's angles; ``wrist_rad`` replaces those of the first wrist joints.
     """

@@ -1,8 +1,8 @@
 """Recognise an arm's kinematic structure: parallel and intersecting axes.
 
-While all joints are zero, every joint is a line in space. Parallel lines define the plane of the
+With all joints at zero, every joint axis is a line in space. Parallel lines define the plane of the
 arm; a first line across them is the base yaw, the lines behind them are the wrist. Offsets of any
-kind are allowed, because rotations of parallel joints never change what is across the plane.
+kind are allowed, because rotations of parallel joints never change the component across the plane.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _EXACT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RevoluteAxis:
-    """One revolute joint while all joints are zero.
+    """The axis of a revolute joint when all joints are at zero.
 
     Attributes:
         column: The joint index in q.
@@ -77,13 +77,13 @@ class PlanarSubchain:
         return tuple(end - start for start, end in zip(self.pivots, ends, strict=True))
 
     def angles(self, q: Vector) -> tuple[float, ...]:
-        """Compute the angles about n of joints (dof,)."""
+        """Compute the angles of the planar joints about n at joints (dof,)."""
         return tuple(s * float(q[c]) for s, c in zip(self.signs, self.columns, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmStructure:
-    """A chain as base yaw, planar links and wrist, as far as the arm has them.
+    """Structure of a chain: base yaw, planar links and wrist, each if the arm has it.
 
     Attributes:
         yaw: The first joint, if it is not in the plane.
@@ -192,7 +192,7 @@ def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmSt
 def _with_locked_wrist_joint(
     arm: ArmStructure, joints: tuple[RevoluteAxis, ...]
 ) -> ArmStructure | None:
-    """Return two links and a wrist as three links, if the wrist's first joint can be zero."""
+    """Convert two links and a wrist to three links, if the wrist's first joint can be zero."""
     if len(arm.plane.pivots) != 2 or len(arm.wrist) < 2:
         return None
     roll = arm.wrist[0]
@@ -238,7 +238,7 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
 
 
 def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
-    """Return the plane across parallel joints, and the largest deviation from parallel [rad]."""
+    """Return the plane perpendicular to parallel joints, and their largest deviation [rad]."""
     n = joints[0].axis
     frame = plane_frame(n)
     signs = tuple(1 if float(joint.axis @ n) > 0 else -1 for joint in joints)

@@ -1,8 +1,8 @@
 """Targets for an arm that sags under its weight, raised by the sag of the tip at the target.
 
 Kernels solve rigid arms. A rigid arm must go to the target's pose minus the difference between the
-real links and the rigid ones. This difference changes by a tenth from one solution to the next, and
-no longer after a few solutions.
+real links and the rigid ones. Each new solution changes this difference by about a tenth, so that
+it converges after a few solutions.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from ikservo.ik.problem import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-_SAME_M = 1e-8  # a sag that changes by less stays the same
-_SAME_RAD = 1e-7  # the same for its rotation
+_SAME_M = 1e-8  # a smaller change of the sag counts as none
+_SAME_RAD = 1e-7  # the same for the rotation by the sag
 _STEADY_M = 1e-4  # remaining error that counts as reached
 _STEADY_RAD = 1e-3  # the same for the rotation
 
@@ -73,5 +73,5 @@ class Droop:
         return replace(target, position_m=position)
 
     def lowered(self, point_m: Vector) -> Vector:
-        """Compute the position of a point that a rigid arm would have at ``point_m`` (3,)."""
+        """Compute the position of a point that would be at ``point_m`` (3,) on a rigid arm."""
         return point_m + self._moved

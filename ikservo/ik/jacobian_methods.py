@@ -1,12 +1,12 @@
 """Jacobian methods: pseudo-inverse and transpose, and their step rules.
 
-Close to a solution the pseudo-inverse is Newton's method and each step doubles the digits. Its
-steps are not checked: the error may grow meanwhile, and at the edge of the reach the joints may
-oscillate by the 2° that they are allowed. The result is the best iterate.
+Close to a solution the pseudo-inverse is Newton's method, and each step doubles the number of
+correct digits. Its steps are not checked: the error may grow in between, and at the edge of the
+reach the joints may oscillate by the maximum step of 2°. The result is the best iterate.
 
-A force F at the tip and the torques τ of compliant joints do the same virtual work,
-``Fᵀ J dq = τᵀ dq``, hence ``τ = Jᵀ F``. With E as the force, ``Δ = α Jᵀ E`` is steepest descent on
-``|E|²``. It is cheap, never ends further from the target than it began, and slow, because it moves
+A force F at the tip and the torques τ of compliant joints do the same virtual work, ``Fᵀ J dq = τᵀ
+dq``, hence ``τ = Jᵀ F``. With E as the force, ``Δ = α Jᵀ E`` is steepest descent on ``|E|²``. This
+method is cheap and never ends further from the target than it began. It is slow, because it moves
 all joints as if they had the same lever.
 """
 
@@ -145,7 +145,8 @@ def iterate(
 ) -> Result:
     """Take steps from ``q0`` until the target is met, nothing moves, or the steps are used up.
 
-    There is one start and no restart, so the search ends if it stalls. It returns the best iterate.
+    There is one start and no restart, so the search ends if it stalls. The result is the best
+    iterate.
 
     Args:
         method: The method's name, for the result.
@@ -202,9 +203,9 @@ class _Iteration:
 EPSILON = 5e-3
 """Singular values below this fraction of the largest count as zero.
 
-It is about the radial singular value one degree before the arm is stretched. With less, the
-iteration would oscillate through the stretched pose, 2° back and forth, forever; with more, it
-would stop early.
+This value is about the radial singular value one degree before the arm is stretched. With a smaller
+one, the iteration would oscillate through the stretched pose forever, 2° back and forth; with a
+larger one, it would stop early.
 """
 
 _PINV_MAX_ITERATIONS = 500
@@ -232,7 +233,7 @@ def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -
     )
 
 
-_NOTHING = 1e-150  # below it even the reciprocal is not a number
+_NOTHING = 1e-150  # the reciprocal of a smaller number could overflow
 
 
 def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
@@ -258,11 +259,11 @@ def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
 def limited_step(current: Linearisation, chain: Chain, C: Vector) -> Vector:
     """Compute the step (dof,), which moves no joint by more than 2° or beyond its limits.
 
-    The step of a joint that would leave its range ends on the limit. Its column is removed, and
-    the others are solved again for the remaining error, until no joint leaves. A joint at its
-    limit that the error pulls against it is removed from the start, because the iteration could
-    otherwise end while the others still had a descent direction. Every iteration starts with all
-    joints, so that a joint may come back off its limit.
+    The step of a joint that would leave its range ends on the limit. Its column is removed, and the
+    others are solved again for the remaining error, until no joint leaves. A joint at its limit
+    that the error pulls against it is removed from the start, because the iteration could otherwise
+    end while the others still had a descent direction. Every iteration starts with all joints, so
+    that a joint can leave its limit again.
     """
     to_lower, to_upper = chain.lower_rad - current.q, chain.upper_rad - current.q
     step, free = np.zeros(chain.dof), ~active_limits(chain, current.q, current.J.T @ current.E - C)
@@ -309,7 +310,7 @@ def gradient_torque(current: Linearisation, chain: Chain) -> Vector:
 
 
 def step_length(J: Matrix, E: Vector, tau: Vector) -> float:
-    """Compute the α that makes the linearised error ``|E - α J τ|`` smallest.
+    """Compute the α that minimises the linearised error ``|E - α J τ|``.
 
     ``α = (E · J τ) / |J τ|²``; zero if τ does not move the tip.
     """

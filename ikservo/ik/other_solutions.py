@@ -1,8 +1,8 @@
 """Other solutions for a target: their number or family, and the one nearest to the start.
 
-A search converges to the solution to which its steps lead; with six joints this is the nearest
-solution in about two of three cases. The closed form has every solution; without it, searches that
-begin around the start find most of the near solutions.
+A search converges to one solution; with six joints this is the nearest one in about two of three
+cases. The closed form has every solution; without it, searches that begin around the start find
+most of the near solutions.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from ikservo.kinematics.conditioning import ordinary_postures
 # Singular values below these fractions of the largest are zero.
 _RANK = 1e-7  # at any posture
 _SINGULAR = 1e-6  # at a solution
-# To test whether a solution has neighbours, the joints leave it and are solved again nearby; an
-# isolated solution pulls them back.
-_OFFSET_RAD = 0.02  # distance by which they leave it, rad or m
-_STEPS = 10  # steps to solve them again
+# To test whether a solution has neighbours, the joints are offset from it and solved again; if the
+# solution is isolated, they return to it.
+_OFFSET_RAD = 0.02  # the offset, rad or m
+_STEPS = 10  # steps of the second solve
 _MIN_OFFSET_FRACTION = 0.5  # fraction of the offset that remains at a neighbour
 _REVOLUTION_RAD = 2.0 * np.pi
 _SAME_RAD = 1e-4  # joints of one solution differ by less, rad or m
@@ -43,7 +43,7 @@ _NEARBY_STEPS = 20  # steps of such a search; if it has not converged by then, i
 def solution_set(
     chain: Chain, target: Target, q: Vector, tolerance: Tolerance | None = None
 ) -> SolutionSet:
-    """Return how many solutions a target has around joints (dof,) that meet it.
+    """Return the number or family of the solutions of a target, given joints (dof,) that meet it.
 
     Args:
         chain: The arm.
@@ -117,7 +117,7 @@ def nearest_solution(
     Args:
         chain: The arm.
         target: The target.
-        q0: The start (dof,), rad or m, anywhere.
+        q0: The start (dof,), rad or m, which may be outside the limits.
         options: The tolerance.
         found: A solution.
     """

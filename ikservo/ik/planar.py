@@ -5,8 +5,9 @@ the vector to the next joint, or to the tip, while all joints are zero; it may b
 upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^{iθ3} l3))``.
 
 If the direction is free, the solutions of a point are intervals. Their ends are known in closed
-form: there the first two links are stretched or folded, or a joint is at a limit, which leaves
-two links. Between neighbouring ends nothing changes, so that one sample in the middle is enough.
+form: there the first two links are stretched or folded, or a joint is at a limit, which leaves two
+links. Between neighbouring ends, either all directions are solutions or none, so that one sample in
+the middle is enough.
 
 Along an arc the joints move through the null space of the planar arm: the tip stays, the last
 link rotates. Steps along it towards the start have one free parameter.
@@ -43,7 +44,7 @@ def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
 
 
 def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
-    """Find both elbows (θ1, θ2) that bring the tip to ``m``, none outside the annulus.
+    """Find (θ1, θ2) of both elbows with the tip at ``m``; none if ``m`` is outside the annulus.
 
     With L1 = |l1|, L2 = |l2|, d = |m|:
     ``cos φ2 = (d² - L1² - L2²) / (2 L1 L2)`` and
@@ -68,7 +69,7 @@ def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
 def solve_planar_3r(
     l1: complex, l2: complex, l3: complex, m: complex, alpha_rad: float
 ) -> tuple[Angles, ...]:
-    """Find both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link at α.
+    """Find (θ1, θ2, θ3) of both elbows with the tip at ``m`` and the last link at α.
 
     Three links have one more parameter than two: the direction of the last link, which puts the
     third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.
@@ -95,7 +96,7 @@ _ANYWHERE = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class DirectionInterval:
-    """Directions of the last planar link with which a point can be reached.
+    """Interval of directions of the last planar link in which a point can be reached.
 
     Attributes:
         yaw_rad: The base yaw of the interval; 0 for arms without yaw.
@@ -118,7 +119,7 @@ class DirectionArc:
     upper_rad: float
 
     def clamp_direction(self, alpha_rad: float) -> float:
-        """Compute the direction inside that is nearest α on the circle."""
+        """Compute the direction of the arc that is nearest to α on the circle."""
         margin = min(_MARGIN_RAD, 0.5 * (self.upper_rad - self.lower_rad))
         low, high = self.lower_rad + margin, self.upper_rad - margin
         if (equivalent := nearest_equivalent_angle(alpha_rad, low, high, alpha_rad)) is not None:
@@ -175,7 +176,7 @@ def allowed_arcs(
 def _open_arcs(
     ends: list[float], at_end: list[bool], after: list[bool]
 ) -> tuple[DirectionArc, ...]:
-    """Return the open pieces of the circle, and the open ends between closed pieces."""
+    """Return the arcs of allowed directions; a single allowed direction is an arc of length 0."""
     if all(after):
         return (DirectionArc(ends[0], ends[0] + FULL_TURN_RAD),)
     count, arcs = len(ends), list[DirectionArc]()
@@ -220,7 +221,7 @@ def _allowed_elbows(
 def elbow_solutions(
     links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
 ) -> tuple[Angles | None, Angles | None]:
-    """Return both elbows with the last link at α, each None if limits forbid it."""
+    """Return the angles of both elbows with the last link at α; None if the limits forbid them."""
     l1, l2, l3 = links
     found = solve_planar_3r(l1, l2, l3, m, alpha_rad)
     if not found:

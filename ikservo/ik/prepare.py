@@ -59,7 +59,8 @@ def prepare_seeds(
         frame: The link to move to the target.
         offset_m: The point on that link.
         R_frame_tool: The rotation (3, 3) from tool to frame coordinates.
-        swinging: Whether the search may rotate the first joint to bring the tool nearest.
+        swinging: Whether the search may rotate the first joint to bring the tool nearest the
+            target.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
     half_rad, start = 0.0, q.copy()
@@ -88,7 +89,7 @@ def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
 
 
 def seeds(chain: Chain, count: int) -> Matrix:
-    """Return joint vectors (count, dof) inside the limits: the middle, then an even filling.
+    """Return joint vectors (count, dof) that fill the limits evenly, with the middle first.
 
     The sequence is the same every time, so that results are reproducible.
     """
@@ -127,7 +128,7 @@ _MAX_PREPARED = 16
 
 
 class TargetKind(IntEnum):
-    """The kind of a target; the numbers are the kernels'."""
+    """The kind of a target, with the number that the kernels use for it."""
 
     POSITION = 0
     DIRECTION = 1
@@ -193,7 +194,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class IdleJoint:
-    """A joint that holds its position, and the range of that joint.
+    """A joint without influence on the target, which holds its position, and its range.
 
     Attributes:
         column: The joint index in q.
@@ -226,7 +227,7 @@ def idle_joints(
     *,
     orientation: bool,
 ) -> tuple[IdleJoint, ...]:
-    """Return the joints that move neither the point nor the orientation to reach.
+    """Return the joints that change neither the point nor the orientation of a target.
 
     Args:
         chain: The arm.
@@ -259,8 +260,8 @@ def _moving_joints(rows: Vector) -> NDArray[np.bool_]:
 class PackedProblem:
     """An arm and one point of it, packed for the kernels.
 
-    A problem must not refer to the chain, which is its key in the cache; otherwise neither would
-    ever be freed.
+    A problem must not refer to its chain, because the chain is its key in the cache; otherwise
+    neither would ever be freed.
 
     Attributes:
         arm: The packed chain.
@@ -276,7 +277,7 @@ class PackedProblem:
     idle: Mapping[TargetKind, tuple[IdleJoint, ...]]
 
     def make_seeds(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
-        """Make joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernels.layout``."""
+        """Convert joints (m, dof) to seeds (dof + SEED_SIZE, m), see ``kernels.layout``."""
         R_frame_tool = np.eye(3) if self.tool_axis is None else rotation_z_to(self.tool_axis)
         return prepare_seeds(
             chain, self.arm, q, self.frame, self.offset_m, R_frame_tool, swinging=swinging

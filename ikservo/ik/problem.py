@@ -66,8 +66,8 @@ class Target:
         offset_m: The point in that link's coordinates (3,), metres; its origin if None.
         tool_axis: The axis (3,) in the link's coordinates for ``direction``.
         axis: The tool axis as a unit vector.
-        packed: Position and rotation (4, 3) as the kernels read them; a direction is its last
-            column.
+        packed: Position and rotation (4, 3) as the kernels read them; a direction is stored as the
+            last column.
 
     Raises:
         BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
@@ -243,8 +243,8 @@ class Options:
 
     Attributes:
         tolerance: The error that counts as reached.
-        restarts: Maximum number of starting points, the given one first; the Jacobian
-            methods use only that.
+        restarts: Maximum number of starting points, the given one first; the Jacobian methods use
+            only the given one.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: Preferred configuration; methods without a null space ignore it.
         trace: Whether the result contains all iterates.
@@ -286,7 +286,7 @@ class Options:
             _check_kind("The posture", self.posture, Posture)
 
     def puts_position_first(self, dof: int) -> bool:
-        """Check whether an arm with this number of joints meets the position before all else."""
+        """Check whether the position has priority for an arm with this number of joints."""
         return dof < _FULL_POSE_DOF if self.position_first is None else self.position_first
 
 

@@ -47,8 +47,8 @@ class SolutionSet:
     Joints that do not move the point, and full revolutions of a joint, do not add solutions.
 
     Attributes:
-        kind: ``none`` found, the only ``one``, one of ``several``, one of a continuous ``family``,
-            or ``unknown`` if it is unknown whether there are others.
+        kind: ``none`` (none was found), ``one``, ``several``, a continuous ``family``, or
+            ``unknown`` (there may be others).
         count: The number of solutions, or branches of a family; None if it is unknown.
         freedom: The number of parameters of the family; 0 if there is none.
         directions: The possible directions of the last of three links in a family.
@@ -94,7 +94,7 @@ class Result:
         binding: The limits that hold the arm back; empty when reached.
         iterations: Number of steps, including restarts.
         nearest_m: The point at ``q`` (3,), metres, base frame.
-        method: The solver that found it.
+        method: Name of the method that found the joints.
         trace: Every iterate (dof,), the start first, if requested.
         question: The solved problem; None for results of a prepared solver.
     """
@@ -169,7 +169,7 @@ class Result:
     def singularity(self) -> Singularity | None:
         """The singular posture nearest to ``q``, or None; takes some tens of milliseconds.
 
-        If the target has more than a position, losing a rotation of the link also counts.
+        If the target has a direction or orientation, a lost rotation of the link also counts.
         """
         if self.question is None:
             return None
@@ -193,7 +193,7 @@ def evaluate(
     iterations: int,
     trace: tuple[Vector, ...] = (),
 ) -> Result:
-    """Return the result of joints (dof,) inside the limits for a target."""
+    """Compute the errors and active limits of joints (dof,) inside the limits for a target."""
     T, J = chain.forward_and_jacobian(q, target.frame, target.offset_m)
     gap_m, rotation_rad = target.position - T[:3, 3], target.orientation_error(T[:3, :3])
     position_error_m, orientation_error_rad = _vector_norm(gap_m), _vector_norm(rotation_rad)

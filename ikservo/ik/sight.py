@@ -21,7 +21,7 @@ _REACHED_RAD = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """Joints that point an axis of the tip at a point, or as close to it as the search came.
+    """Joints that point an axis of the tip at a point, or as near to it as the search found.
 
     Attributes:
         q: The joints (dof,), rad or m.
@@ -39,7 +39,7 @@ class Sight:
 
     @property
     def reached(self) -> bool:
-        """Whether the axis points at the point, to a tenth of a milliradian."""
+        """Whether the axis points at the point to within 0.1 mrad."""
         return self.error_rad <= _REACHED_RAD
 
 

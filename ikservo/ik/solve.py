@@ -107,8 +107,8 @@ def solve(
     the orientation as well as possible after that.
 
     Args:
-        chain: The arm, or its model, its name, or the path of its file; its limits are never left,
-            not even by one ulp.
+        chain: The arm, or its model, its name, or the path of its file; the result is never outside
+            its limits, not even by one ulp.
         target: The target, or a point (3,) for the tip, metres.
         q0: The start (dof,), rad or m; may be outside the limits. None: ``initial_joints()`` of
             the model, where ``ikservo solve`` begins, or the middle of the ranges of a chain, which
@@ -123,10 +123,10 @@ def solve(
         position_first: Whether the position is met exactly and the orientation as well as possible
             after that, instead of weighing both; None: if the arm has fewer than six joints.
         turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
-        track: Follow a path, with one start at ``q0`` and never to another branch (``bounded``).
-        nearest: Search for the solution nearest to ``q0`` if there are several (``auto``): in
-            closed form if the arm has one, otherwise from some starts around ``q0``. ``False``
-            takes the first solution found, in a twentieth of the time.
+        track: Whether to use one start, and never to pass a limit or change branch (``bounded``).
+        nearest: Whether to search for the solution nearest to ``q0`` if there are several
+            (``auto``): in closed form if the arm has one, otherwise from some starts around ``q0``.
+            ``False`` takes the first solution found, in a twentieth of the time.
 
     Returns:
         The solution, or the nearest posture that was found and its active limits.
@@ -175,7 +175,7 @@ def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
 def _solve_drooping(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
-    """Return the target to give to a rigid arm, and the solution for it."""
+    """Return the target that a rigid arm must get instead, and the solution for it."""
     from ikservo.ik.droop import Droop  # noqa: PLC0415  # few arms need it
 
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
@@ -208,14 +208,14 @@ _FAR_M = 10.0  # further than any arm with servos can reach
 
 
 def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
-    """Return a point with its numbers in mm, ``250mm 50mm 150mm``, if the arm reaches that.
+    """Format a point in millimetres, ``250mm 50mm 150mm``, if the arm reaches it in millimetres.
 
     Args:
         chain: The arm.
-        position_m: A point (3,) that the arm does not reach as metres.
+        position_m: A point (3,) that the arm does not reach if its numbers are metres.
 
     Returns:
-        The text; empty if the arm does not reach the point in millimetres either.
+        The text; empty if the arm does not reach the point in millimetres.
     """
     point = np.asarray(position_m, dtype=float)
     if float(np.abs(point).max()) < _FAR_M:

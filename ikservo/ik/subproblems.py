@@ -1,10 +1,10 @@
 """Solve geometric subproblems: a cos + b sin = c, circles, rotations about two and three axes.
 
-The plane is a (3, 3) ``frame`` with rows e1, e2, n: a vector is e1 + i e2 *along* the plane and n
-*across* it. Rotating the parallel joints of the arm never changes what is across, which is why yaw
-and roll can be found before them.
+The plane is a (3, 3) ``frame`` with rows e1, e2, n. A vector has a component *along* the plane, e1
++ i e2, and a component *across* it, n. Rotating the parallel joints never changes the component
+across, so that yaw and roll can be found before them.
 
-With the yaw φ and the roll ψ two equations must hold together::
+The yaw φ and the roll ψ must satisfy two equations::
 
         M(φ) = w(ψ)     the target point and the tool point are equally far across the plane
         d(φ) = a(ψ)     the target direction and the tool axis have equal parts across it
@@ -41,7 +41,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Compute acos, even if rounding has moved it just past ±1; None if there is no angle."""
+    """Compute acos of a cosine that rounding may have moved just past ±1; None further out."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -52,7 +52,7 @@ def nearest_equivalent_angle(
 ) -> float | None:
     """Find the equivalent angle, angle + 2πk, inside the limits and nearest ``near_rad``.
 
-    None if there is no such angle.
+    Return None if there is no such angle.
     """
     wrapped = angle_rad + FULL_TURN_RAD * round((near_rad - angle_rad) / FULL_TURN_RAD)
     if wrapped > upper:
@@ -116,7 +116,7 @@ class CircleTrace:
 class AxisRotation:
     """Rotations about one axis, prepared: ``R(θ) x = a (a·x) + cos θ (x - a (a·x)) + sin θ a × x``.
 
-    Without an axis nothing moves.
+    Without an axis, the rotation is the identity.
     """
 
     __slots__ = ("_map", "_shift")
@@ -218,7 +218,7 @@ def _quartic_rolls(
 def refine_angle_pair(
     M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, phi: float, psi: float
 ) -> tuple[float, float] | None:
-    """Compute the pair after Newton steps on both equations, or None if they do not hold there."""
+    """Refine the pair by Newton steps; return None if the equations do not hold afterwards."""
     for _ in range(_NEWTON_STEPS):
         e, f = w.normal_part(psi) - M.normal_part(phi), a.normal_part(psi) - d.normal_part(phi)
         if math.hypot(e, f) < _RESIDUAL:

@@ -27,7 +27,7 @@ class Workspace:
     Attributes:
         grid: The cells.
         reachable: Whether the tip can be in each cell; the grid's shape.
-        is_slice: Whether the grid is one sheet of cells in a plane.
+        is_slice: Whether the grid is one layer of cells in a plane.
     """
 
     grid: VoxelGrid
@@ -51,7 +51,7 @@ class Workspace:
     def extent_m(self) -> tuple[Vector, Vector] | None:
         """The corners (3,) of the box around the reachable cells, in the grid's frame.
 
-        None if no cell is reachable.
+        The value is None if no cell is reachable.
         """
         cells = np.argwhere(self.reachable)
         if not len(cells):

@@ -112,7 +112,7 @@ _SIDES = (
 
 
 def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
-    """Return closed polygons (k, 2) around the True cells of (nu, nv), in cells.
+    """Return closed polygons (k, 2) around the True cells of a mask (nu, nv), in units of cells.
 
     The set is on the left: islands run counterclockwise, holes clockwise. The first corner is
     not repeated, and no corner is on a straight line between its neighbours.
@@ -128,7 +128,7 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
 
 
 def _border_edges(mask: NDArray[np.bool_]) -> dict[Corner, list[Corner]]:
-    """Return the corners at which the border edges from each corner end."""
+    """Map each corner to the corners at which its outgoing border edges end."""
     padded = np.pad(mask, 1)
     edges: dict[Corner, list[Corner]] = {}
     for (du, dv), start, end in _SIDES:

@@ -1,7 +1,7 @@
 """Closed forms for a full pose: wrist angles and reach.
 
-The wrist's centre does not move with the rotations that meet in it, so that it determines the
-joints before them; the remaining orientation determines the rotations. Arms have either two
+Rotations about axes through the wrist's centre do not move it, so that its position determines the
+joints before the wrist; the remaining orientation determines these rotations. Arms have either two
 parallel links and a wrist of three joints, or three parallel links and a wrist of two.
 """
 
@@ -83,7 +83,7 @@ _ROLLS = (0.5, 0.25, 0.75, 0.0, 1.0, 0.125, 0.375, 0.625, 0.875)
 
 
 def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
-    """Return the joints that meet the point with the wrist as at the start.
+    """Return the joints that meet the point, with the wrist in its start position.
 
     The tool is rotated as near to the aims as the point allows. A roll that cannot meet the point
     is replaced by the first of a few others that can.

@@ -100,7 +100,7 @@ def read_only(values: ArrayLike) -> Vector:
 def freeze_arrays(value: object) -> None:
     """Make the arrays of a frozen dataclass read-only; its ``__post_init__`` calls this.
 
-    A writable array is copied, so that nobody else can change it either.
+    A writable array is copied, because other code could still change the original.
     """
     for name in _field_names(type(value)):
         array: object = getattr(value, name)

@@ -1,9 +1,9 @@
 """Base parameters: the inertial parameters that the torques of a chain can determine.
 
-Many parameters have no effect on any torque (the mass of a body that turns about a fixed axis), or
-only together with others. The columns of the regressor Y of such parameters are linear combinations
-of others: ``Y = Y_b G`` with the independent columns Y_b, so that ``tau = Y p = Y_b (G p)``. The
-base parameters ``G p`` are what least squares can find (Gautier, "Numerical calculation of the base
+Many parameters affect no torque (the mass of a body that turns about a fixed axis), or affect
+torques only in combination with others. Their columns of the regressor Y are linear combinations of
+other columns: ``Y = Y_b G`` with the independent columns Y_b, so that ``tau = Y p = Y_b (G p)``.
+Least squares can find only the base parameters ``G p`` (Gautier, "Numerical calculation of the base
 inertial parameters of robots", 1991).
 """
 
@@ -39,7 +39,7 @@ TYPICAL_PARAMETERS = read_only([1.0, *[0.1] * 3, *[0.01] * 6])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BaseParameters:
-    """The independent columns of a regressor, and how the parameters combine.
+    """The independent columns of a regressor, and the combinations of parameters for them.
 
     Attributes:
         columns: The independent columns of the regressor (b,), ascending.
@@ -65,7 +65,7 @@ class BaseParameters:
     def expand(self, base_values: ArrayLike) -> Vector:
         """Return parameters (p,) that give the torques of base parameters (b,).
 
-        All others are zero, so that these are not the parameters of real bodies.
+        The other parameters are zero, so that the result does not describe real bodies.
 
         Raises:
             BadValueError: The number of parameters is wrong, or one is not finite.
@@ -88,10 +88,10 @@ def base_parameters(
     """Return the base parameters of an arm, from random motions inside its limits.
 
     Args:
-        dynamics: The arm; its parameters do not matter, its gravity does.
+        dynamics: The arm; only its geometry and gravity matter, not its parameters.
         speed_rad_s: Largest speed of the motions; m/s for prismatic joints.
-        acceleration_rad_s2: Largest acceleration; m/s² for prismatic joints. With no speed and
-            no acceleration the result is what postures at rest can determine.
+        acceleration_rad_s2: Largest acceleration; m/s² for prismatic joints. With zero speed and
+            acceleration, the result contains only what postures at rest determine.
         tolerance: See ``independent_columns``.
         seed: The seed of the random numbers; other motions give the same columns.
 
@@ -119,15 +119,16 @@ def independent_columns(
     """Return the columns of a stacked regressor that are independent of earlier ones.
 
     This is the method of Gautier 1991, with the parameters in their order: those of a body are
-    combined into those of the bodies that carry it. The columns of R of the QR decomposition have
-    the lengths and angles of the regressor's, with no more rows than parameters. Additional
-    columns, for friction or a scale of the current, may follow those of the inertia.
+    combined into those of the bodies that carry it. In the QR decomposition, the columns of R have
+    the same lengths and angles as those of the regressor, but R has no more rows than there are
+    parameters. Additional columns, for friction or a scale of the current, may follow those of the
+    inertia.
 
     Args:
         regressor: The regressor (m, p), one row per torque.
         typical: Size of each parameter (p,), so that effects on the torques can be compared.
-        tolerance: Effect that a column must add to earlier ones, relative to the largest
-            effect of all. Torques of the reduced regressor are exact to this.
+        tolerance: Effect that a column must add to earlier ones, relative to the largest effect of
+            all. Torques of the reduced regressor are exact to this tolerance.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, a typical size is not above zero,

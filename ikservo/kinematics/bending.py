@@ -1,9 +1,9 @@
 """Deflection behind the joint sensors of an arm: compliance and backlash, under gravity.
 
-A sensor on a servo's shaft does not see the horn, the screws and the printed link behind it. They
-turn by ``compliance * torque``, and across their backlash to the side to which gravity pulls. The
-torque depends on the posture of the links, so the link joints solve ``q_link = q - compliance
-g(q_link) - half_play side(g(q_link))``; the inverse is explicit.
+A sensor on a servo's shaft does not measure the horn, the screws and the printed link behind it.
+These parts turn by ``compliance * torque``, and across their backlash to the side to which gravity
+pulls. The torque depends on the posture of the links, so the link joints solve ``q_link = q -
+compliance g(q_link) - half_play side(g(q_link))``; the inverse is explicit.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Bending:
         freeze_arrays(self)
 
     def deflection(self, q_link: ArrayLike) -> Vector:
-        """Compute how far gravity rotates the links at their own joints (dof,) or (n, dof)."""
+        """Compute the deflection by gravity at link joints (dof,) or (n, dof), shaped as these."""
         torque = self.dynamics.gravity_torques(q_link)
         return -self.compliance * torque - self.half_play * self.side(torque)
 
@@ -65,10 +65,10 @@ class Bending:
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-        """Compute the derivatives of link joints (n, dof) by sensors, compliances and half plays.
+        """Compute the partial derivatives of link joints: sensors, compliances, half backlashes.
 
         Returns:
-            The derivatives (n, dof, dof) by each of them, column by column.
+            The derivatives (n, dof, dof) with respect to each of these, column by column.
         """
         n, dof = q_link.shape
         steps = _DERIVATIVE_RAD * np.eye(dof)

@@ -1,8 +1,8 @@
 """Moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
 
-A body is a link behind a joint that q moves, with all links that are fixed to it. Links that q does
-not move (of a gripper beside the path to the tip) are fixed to the body that carries them. The
-first axis of all arrays is the body, parents first, the second one the sample.
+A body is a link that a joint of q moves, with all links that are fixed to it. Links that q does not
+move (of a gripper beside the path to the tip) are fixed to the body that carries them. The first
+axis of all arrays is the body, parents first, the second one the sample.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ BASE = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyTree:
-    """Everything that the motion of n bodies needs and that does not depend on q.
+    """Constants of n moving bodies, independent of q, from which their motion is computed.
 
     Attributes:
-        names: The link of each body whose frame is the body's.
+        names: For each body, the link whose frame is used as the frame of the body.
         links: For each link of the chain, its body (BASE if it does not move) and its pose
             T_body_link (4, 4).
-        parents: The body that each one is attached to, or BASE.
+        parents: The body to which each body is attached, or BASE.
         carries: 1 if body j is body i or carries it, else 0 (n, n).
-        gears: Multipliers (n, dof) in the values ``gears @ q + shifts``, followers included.
+        gears: Multipliers (n, dof) in the joint values ``gears @ q + shifts``, mimic joints
+            included.
         shifts: Offsets of the values (n, 1), rad or m.
         slides: Whether each joint is prismatic (n, 1).
         poses_still: The part of T_parent_body that does not depend on q (n, 1, 4, 4).
@@ -95,8 +96,8 @@ class BodyTree:
     def twists(self, T: Matrix) -> Matrix:
         """Compute the twist D (n, samples, 4, 4) of each joint in the base frame.
 
-        A small motion of the joint's value moves each point x (4,) that it carries by ``D x``: ``D
-        = T twist T⁻¹``.
+        A small change of the joint's value moves each point x (4,) that the joint carries by ``D
+        x``: ``D = T twist T⁻¹``.
         """
         D = np.zeros(T.shape)
         moved = T @ self.body_twists

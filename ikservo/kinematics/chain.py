@@ -41,7 +41,7 @@ class Chain:
     has limits that also keep its followers inside theirs.
 
     An arm that yields behind its joints' sensors has ``link_joints``: poses are then those of its
-    links, for joints as the sensors see them; ``jacobian`` refers to the link joints.
+    links for joint vectors that the sensors measure; ``jacobian`` refers to the link joints.
 
     Attributes:
         base: The root link; its coordinates are world coordinates.
@@ -134,7 +134,7 @@ class Chain:
         return replace(self, lower_rad=read_only(low), upper_rad=read_only(high))
 
     def with_slide(self, axis: ArrayLike, lower_m: float, upper_m: float) -> Chain:
-        """Return a copy with another joint, which slides the tip along an axis (3,) of the tip.
+        """Return a copy with an added prismatic joint, which moves the tip along its axis (3,).
 
         Raises:
             BadValueError: ``axis`` has a wrong shape or is not finite.
@@ -282,7 +282,7 @@ class Chain:
         return poses
 
     def _links(self, q: ArrayLike) -> Vector:
-        """Return the link joints (dof,) or (n, dof) for joints as their sensors see them."""
+        """Return the link joints (dof,) or (n, dof) for joints that the sensors measure."""
         joints = finite_vectors(q, self.dof, "q")
         return joints if self.link_joints is None else self.link_joints(joints)
 
@@ -297,7 +297,7 @@ class Chain:
 
 
 def _before_slide(link_joints: Callable[[Vector], Vector]) -> Callable[[Vector], Vector]:
-    """Return a function for joints with a slide after them, which does not yield."""
+    """Extend ``link_joints`` to joint vectors that end with a slide, which does not yield."""
     return lambda q: np.concatenate([link_joints(q[..., :-1]), q[..., -1:]], axis=-1)
 
 
@@ -328,10 +328,10 @@ def joint_torques(
 ) -> Vector:
     """Compute the joint torques due to a force at a point of the arm: ``tau = Jᵀ F``.
 
-    A small motion dq of the joints moves the point by ``J dq``, and the force does the work
-    ``Fᵀ J dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. A force that pulls
-    at the arm acts on a joint with tau, and the joint holds it with -tau; to press on something
-    with F, it needs tau. The weight of the arm itself is not included.
+    A small motion dq of the joints moves the point by ``J dq``, and the force does the work ``Fᵀ J
+    dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. An external force F on the
+    arm acts on a joint with tau, so the joint needs -tau to hold it; to press on something with F,
+    the joint needs tau. The weight of the arm itself is not included.
 
     Args:
         chain: The arm.

@@ -24,10 +24,11 @@ class LinkTravelBounds:
     """Bounds on the motion of any point of a link's capsules, per unit of each joint.
 
     A point moves by at most the angle times its distance from the joint's axis. This distance is
-    known for the first joint at the link; for others it is at most the lengths in between.
+    known for the first joint at the link; for the others it is at most the sum of the lengths in
+    between.
 
     Args:
-        chain: The arm; its limits bound the slides between.
+        chain: The arm; its limits bound the travel of prismatic joints in between.
         capsules: The capsules of all links.
     """
 
@@ -118,7 +119,7 @@ class CollisionBody:
     counts as zero.
 
     Args:
-        chain: The arm; ``q`` (dof,) places its links.
+        chain: The arm, whose joints ``q`` (dof,) determine the poses of the links.
         capsules: The capsules; a link may have any number of them.
         postures: Joint vectors (dof,) that are known to be free of collision.
     """
@@ -151,7 +152,7 @@ class CollisionBody:
     def with_attached(self, name: str, link: str, capsules: Sequence[Capsule]) -> CollisionBody:
         """Return the body with a thing fixed to one of its links.
 
-        The thing touches that link, and links that one joint moves against it, by design.
+        The thing may touch that link, and the links that a single joint connects to that link.
 
         Args:
             name: The name of the thing, which no link has.
@@ -175,7 +176,7 @@ class CollisionBody:
         return PairDistances(self.pairs, gap_m + self._overlap_m)
 
     def floor_distances(self, q: ArrayLike, height_m: float) -> PairDistances:
-        """Return the height of each link above a table, for q (n, dof), without the root."""
+        """Return the height of each link except the root above a table, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
         return self._min_by_link(lowest, "the table")
@@ -183,7 +184,7 @@ class CollisionBody:
     def box_distances(
         self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str
     ) -> PairDistances:
-        """Return the distance from each link to an upright box (3,) (3,), for q (n, dof)."""
+        """Return the distance of each link from an upright box with two corners, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         return self._min_by_link(
             segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
@@ -220,7 +221,7 @@ class CollisionBody:
         return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
 
     def _min_by_link(self, gap_m: Matrix, other: str) -> PairDistances:
-        """Return the minimum distance over each link's capsules, without the root."""
+        """Return the minimum distance over the capsules of each link except the root."""
         owners = [capsule.link for capsule in self._capsules]
         first = [owners.index(link) for link in self._links]
         per_link = np.minimum.reduceat(gap_m, first, axis=1)

@@ -2,7 +2,7 @@
 
 Singular values of a Jacobian with rows in both metres and radians have no meaning. Here the linear
 rows are evaluated first, then the angular rows for joint motions that leave the point at rest. The
-arm loses a direction of its pose exactly if one of the two is zero.
+pose loses a degree of freedom exactly if a singular value of either is zero.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ class Singularity:
 
     Attributes:
         q: The posture (dof,), inside the limits.
-        distance_rad: The posture's distance in joint space, the root of the summed squares.
-        joint: The joint with the largest distance to it.
+        distance_rad: Euclidean distance from the given posture in joint space.
+        joint: The joint with the largest difference between the two postures.
     """
 
     q: Vector
@@ -240,7 +240,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 def ordinary_postures(dof: int) -> Matrix:
     """Return a few postures (n, dof) that are not singular for any arm.
 
-    Each joint is at another whole number of radians, which is never a fraction of a revolution.
+    Each joint is at a different integer of radians, which is never a fraction of a revolution.
     """
     return np.arange(1, _SAMPLES * dof + 1, dtype=np.float64).reshape(_SAMPLES, dof) % math.tau
 

@@ -51,10 +51,10 @@ from ikservo.kinematics.inertia import (
 class Dynamics:
     """The bodies that the joints of a chain move, with their masses.
 
-    ``q`` is (dof,) in rad, in m for prismatic joints, as the chain's; ``qd`` and ``qdd`` are its
-    time derivatives in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or many
-    (n, dof). Torques are N m (N for prismatic joints), positive towards larger q. Friction and the
-    inertia of the servos' rotors are not included.
+    ``q`` is (dof,) as for the chain, in rad or in m for prismatic joints; ``qd`` and ``qdd`` are
+    its time derivatives in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or
+    many (n, dof). Torques are N m (N for prismatic joints), positive towards larger q. Friction and
+    the inertia of the servos' rotors are not included.
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.
@@ -104,7 +104,7 @@ class Dynamics:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The moving bodies, each as the link whose frame is the body's.
+        """Names of the moving bodies: for each, the link whose frame is the frame of the body.
 
         Links that are fixed to a body, or that q does not move, are part of it.
         """
@@ -262,7 +262,7 @@ class Dynamics:
         return T @ self._pseudo_inertias @ T.swapaxes(-1, -2)
 
     def _generalized(self, torques: Matrix, q: Vector) -> Vector:
-        """Compute the torques for q, in its shape, from those of all joints (bodies, n)."""
+        """Convert the torques of all joints (bodies, n) to torques for q, shaped as q."""
         return (self._tree.gears.T @ torques).T.reshape(q.shape)
 
     def _check(self, values: ArrayLike, what: str) -> Vector:

@@ -87,7 +87,7 @@ def pseudo_inertias(parameters: Vector) -> Matrix:
 
 
 def _basis() -> Matrix:
-    """Compute the derivative (10, 4, 4) of the pseudo-inertia matrix by each parameter."""
+    """Compute the derivatives (10, 4, 4) of the pseudo-inertia matrix for the parameters."""
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
     for i in range(3):
@@ -100,4 +100,4 @@ def _basis() -> Matrix:
 
 
 PSEUDO_INERTIA_BASIS = read_only(_basis())
-"""The derivative (10, 4, 4) of a pseudo-inertia matrix by each of the ten parameters."""
+"""The derivatives (10, 4, 4) of a pseudo-inertia matrix with respect to the ten parameters."""

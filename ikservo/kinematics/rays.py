@@ -1,4 +1,4 @@
-"""Rays, such as the line of sight of a pixel, and where they meet planes and things."""
+"""Rays, such as the line of sight of a pixel, and their intersections with planes and things."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
-_LEVEL = 1e-3  # a ray this level has no reliable point on a level plane
+_LEVEL = 1e-3  # a ray with a smaller slope has no reliable intersection with a horizontal plane
 _PARALLEL_TO_PLANE = 1e-9  # a ray with this slope meets no plane
 _PARALLEL = 1e-12  # smallest slope to divide by
-_TOUCHES_M = 1e-7  # a ray this near to a shape has met it
+_TOUCHES_M = 1e-7  # a ray this near to a shape counts as touching it
 _MOST_STEPS = 500  # maximum number of steps along a ray
 
 
@@ -45,7 +45,7 @@ class Ray:
         return None if distance_m < 0.0 else self.at(distance_m)
 
     def distance_to_level_m(self, z_m: float) -> float:
-        """Return the distance to the level plane at z, metres; infinite if the ray misses it."""
+        """Return the distance to the horizontal plane at z, metres; infinite if there is none."""
         if abs(float(self.direction[2])) < _LEVEL:
             return math.inf
         distance_m = float((z_m - self.origin_m[2]) / self.direction[2])
@@ -67,7 +67,7 @@ class Ray:
         return enter_m if 0.0 < enter_m <= leave_m else math.inf
 
     def distance_to_thing_m(self, row: Vector) -> float:
-        """Return the distance to a box, cylinder or ball, metres; infinite if the ray misses it.
+        """Return the distance to a box, cylinder or sphere, metres; infinite if the ray misses it.
 
         From the point where the ray enters the bounding box, each step is as long as the distance
         to the thing, which no step can pass (sphere tracing). A ray from inside misses it.

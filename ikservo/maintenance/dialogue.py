@@ -65,10 +65,10 @@ class Choice:
         answer: The word for the answer, as used in a script.
         label: A few words on the effect; empty if the answer need not be offered.
         key: The key on a terminal; empty if there is none.
-        wait_s: The time without a change after which a script gives this answer; None if it cannot
-            yet.
+        wait_s: The time without a change after which a script gives this answer; None if the answer
+            is not possible yet.
         joints: The joints, one of which must be named after the word; empty if none.
-        joint: The joint that the key means; empty if there is none now.
+        joint: The joint to which the key refers; empty if there is none now.
     """
 
     answer: str
@@ -94,7 +94,7 @@ class Progress:
 
 
 class Unasked(Enum):
-    """What happens with a question if nobody can be asked."""
+    """The answer to a question if nobody can be asked."""
 
     YES = "yes"
     NO = "no"
@@ -242,7 +242,7 @@ def read_answers(
     Args:
         path: The file.
         known: The possible answers; a second word stands for any name.
-        former: The new words by the old ones, which are still accepted.
+        former: The present word for each old word that is still accepted.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

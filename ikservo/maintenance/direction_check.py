@@ -27,7 +27,7 @@ CHECK_ANGLE_RAD = math.radians(5.0)
 
 _MIN_FOLLOW_FRACTION = 0.5  # fraction of the motion
 _MAX_OTHER_FRACTION = 0.3  # fraction of the motion; joints that move further are coupled
-# An arm that lies on the table drags its tool along, so it is lifted first if less is free.
+# An arm that lies on the table would drag its tool, so it is lifted first below this clearance.
 _CLEAR_M = 0.005
 _LIFT_RAD = 2.0 * CHECK_ANGLE_RAD
 # Clearance that a test motion needs, because an arm does not follow its goals exactly.
@@ -136,7 +136,7 @@ def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
 
 
 def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint and return it, and check that only this joint moves.
+    """Move a joint there and back, and check that no other joint moves.
 
     Raises:
         CalibrationError: The joint did not follow, or another joint moved as well.
@@ -189,7 +189,7 @@ def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) 
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return the limits of a joint within the arm file's limits, outside of which are end stops."""
+    """Return a joint's limits, restricted to those of the arm file, beyond which are end stops."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 

@@ -46,16 +46,16 @@ class RecoveryResult:
 def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     """Clear alarms, and set the goal of every servo with torque to its position.
 
-    A limp servo gets no goal, because a goal can switch its torque on. A Feetech servo's torque is
-    switched off and, if it was on, on again at its position. A Dynamixel is restarted, which
-    switches its torque off, and only if ``reboot`` is true.
+    A servo whose torque is off gets no goal, because a goal can switch it on. A Feetech servo's
+    torque is switched off, and on again at its position if it was on. A Dynamixel is restarted only
+    if ``reboot`` is true; this switches its torque off.
 
     Args:
         bus: The servo bus.
         reboot: Whether servos that need it may be restarted.
 
     Raises:
-        PortLostError: The port is gone.
+        PortLostError: The port was lost.
         StoppedError: Another program has stopped this one; the remaining servos are unchanged.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
@@ -68,7 +68,7 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     for servo_id in present:
         with suppress(BusError, RefusedError):
             ranges[servo_id] = read_goal_range(bus, servo_id)
-    # Outside its limits a servo would not stay at its position, but move to one of them.
+    # A servo outside its limits would not stay at its position, but move to the nearest limit.
     inside = {i: present[i] for i, (low, high) in ranges.items() if low <= present[i] <= high}
     if inside:
         write_goals(bus, inside, ranges)

@@ -21,7 +21,7 @@ from ikservo.registers import MODELS, Family
 
 _NEAR = {"rad": math.radians(5.0), "m": 0.005}
 _AT = {"rad": math.radians(0.3), "m": 0.0003}
-_NEAR_FRACTION = 1 / 20  # less of a short range, or jaws would always be near a limit
+_NEAR_FRACTION = 1 / 20  # for short ranges, because jaws would otherwise always be near a limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class Gripper:
         joint: The name of this joint.
         closed: The position at which the jaws meet, rad or m; the end of its range on that side.
         open: The position at which they are furthest apart.
-        widths: Pairs of a position [rad or m] and the distance between the jaws there [m], by
-            position; linear between. Empty if not measured.
+        widths: Pairs of a position [rad or m] and the distance between the jaws there [m], sorted
+            by position and interpolated linearly; empty if not measured.
     """
 
     joint: str
@@ -64,14 +64,14 @@ class Gripper:
 
 @dataclass(frozen=True, slots=True)
 class HealthLimits:
-    """Thresholds for a warning, a hold and a release; ``[health]`` in the arm file.
+    """Thresholds at which the arm warns, holds or relaxes; ``[health]`` in the arm file.
 
     Attributes:
         warn_c: Temperature from which the user is warned.
         hold_c: Temperature from which the arm holds and accepts no more goals.
-        release_c: Temperature from which it moves to rest, if it can, and switches torque off.
-        load_percent: Load, as a percentage of the maximum, that a servo may exceed for ``load_s``
-            only.
+        release_c: Temperature from which the arm moves to rest, if it can, and switches torque off.
+        load_percent: Load, as a percentage of the maximum, that a servo may exceed only for
+            ``load_s``.
         load_s: Time from which a load above ``load_percent`` is an overload.
         low_v: Minimum supply, in addition to the servo's own limit.
         high_v: Maximum supply, in addition to the servo's own limit.
@@ -158,7 +158,7 @@ class Obstacle(Protocol):
 
     @property
     def high_m(self) -> tuple[float, float, float]:
-        """Highest corner (3,) of the box around the arm [m]."""
+        """Highest corner (3,) of the axis-aligned bounding box, metres, base frame."""
         ...
 
     @property
@@ -283,7 +283,7 @@ class Model:
     def initial_joints(self) -> NDArray[np.float64]:
         """Return joints (dof,) inside the limits, from which the search for a solution starts.
 
-        They are the pose ``home``, or the middle of the ranges if there is none.
+        The start is the pose ``home``, or the middle of the ranges if there is no such pose.
         """
         has_home = "home" in self.poses
         return self.chain.clip(self.chain_pose("home")) if has_home else self.chain.mid_range()
@@ -306,7 +306,7 @@ def limit_distance(position: float, lower: float, upper: float) -> float:
 
 
 def near_distance(lower: float, upper: float, unit: str) -> float:
-    """Compute the distance from a limit within which a joint is near it.
+    """Compute the distance from a limit within which a joint counts as near the limit.
 
     Args:
         lower: The lower limit, rad or m.
@@ -317,7 +317,7 @@ def near_distance(lower: float, upper: float, unit: str) -> float:
 
 
 def at_distance(lower: float, upper: float, unit: str) -> float:
-    """Return the distance from a limit within which a joint is at it; arguments as above."""
+    """Compute the distance within which a joint counts as at a limit; see ``near_distance``."""
     return min(_AT[unit], near_distance(lower, upper, unit))
 
 

@@ -138,7 +138,7 @@ class ArmEnvironment(StrictModel):
 
 
 class ArmHealth(StrictModel):
-    """``[health]``: limits of the servos, where they differ from the defaults."""
+    """``[health]``: limits of the servos that differ from the defaults."""
 
     warn_c: Positive = Field(default=_USUAL.warn_c, description="degrees Celsius, such as 60.0")
     hold_c: Positive = Field(default=_USUAL.hold_c, description="degrees Celsius, such as 65.0")
@@ -157,7 +157,7 @@ Width = Annotated[tuple[float, Annotated[float, Field(ge=0)]], Field(strict=Fals
 
 
 class ArmGripper(StrictModel):
-    """``[gripper]``: properties that do not follow from the joint with that role."""
+    """``[gripper]``: properties of the gripper that its joint does not determine."""
 
     closes_to: Literal["lower", "upper"] | None = Field(
         default=None, description="lower or upper, the limit at which the jaws meet"
@@ -178,7 +178,7 @@ class ArmCalibration(StrictModel):
 
 
 class ArmFile(StrictModel):
-    """The contents of an ``arm.toml``; each value is checked on its own."""
+    """The contents of an ``arm.toml``; ``arm_file_issues`` compares its values."""
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     name: Name = Field(description=_NAME)

@@ -80,13 +80,13 @@ def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
 
 
 def moved_shape(shape: Shape, T: Matrix) -> Shape:
-    """Return a shape in another frame, in which the shape's present frame has a pose (4, 4)."""
+    """Transform a shape to a frame in which its present frame has the pose ``T`` (4, 4)."""
     T_shape = T @ make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
     return replace(shape, xyz_m=pose_origin(T_shape), rpy_rad=pose_rpy(T_shape))
 
 
 def pose_origin(T: Matrix) -> tuple[float, float, float]:
-    """Return the origin of a pose (4, 4)."""
+    """Return the translation (x, y, z) of a pose (4, 4)."""
     x, y, z = (float(value) for value in T[:3, 3])
     return x, y, z
 

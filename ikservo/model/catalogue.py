@@ -23,7 +23,7 @@ _MAX_SHOWN_CHARS = 80
 
 
 def arm_names() -> list[str]:
-    """Return the names of all arms that need no path, sorted."""
+    """Return the names of all arms in the catalogue, sorted."""
     return sorted({name for shelf in _arm_folders() for name in _arm_names_in(shelf)})
 
 
@@ -63,7 +63,7 @@ def catalogue_name(path: Path) -> str | None:
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders that hold one folder per arm; ours come first, so that our names win."""
+    """Return the folders that hold one folder per arm; those of ikservo take precedence."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs", *_folders_of_others())

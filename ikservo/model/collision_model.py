@@ -19,7 +19,7 @@ from ikservo.model.urdf_xml import import_command
 
 
 def collision_body(model: Model) -> CollisionBody:
-    """Return the arm's capsules and the pairs of links that its named poses keep apart."""
+    """Return the arm's capsules, and the pairs of links that are apart in its named poses."""
     postures = [model.chain_pose(name) for name in model.poses]
     return CollisionBody(model.chain, _require_capsules(model), postures)
 
@@ -28,7 +28,8 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
     """Return the body whose joint vectors end with the gripper's joint, if the arm has one.
 
     In ``collision_body`` the jaws are fixed at zero, or as near to it as their range allows. Here
-    they follow the vector. Jaws that are not downstream of the chain's last joint stay fixed.
+    they follow the last joint of the vector. Jaws that are not downstream of the chain's last joint
+    stay fixed.
     """
     gripper = model.gripper
     if gripper is None:
@@ -44,7 +45,7 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
     body = CollisionBody(chain, capsules, poses + closed)
     opening: list[Vector] = []
     if "rest" in model.poses:
-        # A limp arm sinks a little out of its rest pose; there, too, its jaws need the clearance.
+        # A limp arm sinks a little below its rest pose; its jaws need the clearance there, too.
         rest = np.array([model.poses["rest"][name] for name in chain.names])
         spread = np.linspace(gripper.closed, gripper.open, _JAW_SAMPLES)
         opening = [np.append(rest[:-1], at) for at in spread]
@@ -57,7 +58,7 @@ _JAW_SAMPLES = 16
 
 
 def capsules_of(model: Model) -> list[Capsule]:
-    """Return the capsules around every link's collision shapes, or else its visual ones.
+    """Return the capsules around each link's collision shapes, or its visual shapes if none.
 
     Raises:
         InputError: A shape is a mesh; the link is named.
@@ -71,7 +72,7 @@ def capsules_of(model: Model) -> list[Capsule]:
 
 
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
-    """Remove capsules inside another capsule, such as the balls at the ends of a cylinder.
+    """Remove capsules inside another capsule, such as the spheres at the ends of a cylinder.
 
     Capsules are convex, so one contains another if it contains both of the other's ends.
     """

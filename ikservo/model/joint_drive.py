@@ -19,7 +19,7 @@ _DELAY_S = 0.0025
 class JointDrive:
     """All servos of a joint as one drive, in the joint's coordinate.
 
-    Units are rad and N m, or m and N for a prismatic joint. Each figure can be replaced by an
+    Units are rad and N m, or m and N for a prismatic joint. Each value can be replaced by an
     identified one (`dataclasses.replace`).
 
     Attributes:
@@ -49,8 +49,7 @@ class JointDrive:
 
         Args:
             speed_rad_s: The speed; its sign does not matter.
-            load_nm: Load on the gears: the difference between the motor's torque and the outer
-                torque.
+            load_nm: Load on the gears: the difference between motor torque and external torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)

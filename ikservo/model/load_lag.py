@@ -24,8 +24,8 @@ class LoadLag:
     """Lag of a servo's horn behind its goal under the load of the arm.
 
     Attributes:
-        lifting_rad: Lag while it lifts the arm, with a margin; at most the lag that it can sustain.
-        sag_rad: Lag while it holds the arm, from the weight alone, without friction.
+        lifting_rad: Lag while the servo lifts the arm, with a margin; at most its sustained lag.
+        sag_rad: Lag while the servo holds the arm, from the weight alone, without friction.
     """
 
     lifting_rad: float = 0.0

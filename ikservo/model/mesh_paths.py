@@ -15,8 +15,8 @@ def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
     """Return the file to which a mesh's name refers if it is in the model's folder, else None.
 
     A relative name is resolved from the URDF. ``package://NAME/REST`` is REST or NAME/REST, in the
-    model's folder or in the URDF's. ``file://`` is an absolute path. The spelling of the name is
-    checked first, so that nothing outside is read.
+    model's folder or in the URDF's. ``file://`` is an absolute path. The name itself is checked
+    first, so that nothing outside is read.
 
     Args:
         filename: The name in the URDF.
@@ -44,6 +44,6 @@ def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
     place = urdf.parent.resolve()
     if beside or not filename.startswith("../") or not place.is_relative_to(home):
         return beside
-    # The name leads out of the URDF's folder, perhaps to another one of the model's.
+    # The name leads out of the URDF's folder, perhaps to another subfolder of the model.
     name = posixpath.normpath(posixpath.join(place.relative_to(home).as_posix(), filename))
     return path_inside(home, name)

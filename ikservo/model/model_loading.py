@@ -68,9 +68,9 @@ def build_chain(urdf: Urdf, tip: str) -> Chain:
 MAX_LINKS, MAX_MOVING_JOINTS = 200, 100
 """Largest numbers of links and moving joints in a description.
 
-Jacobians grow with the square of the joints, and the matrices of the masses with the cube. The
-pairs of links that are checked for collisions grow with the square of the links; each pair takes
-longer if there are more joints between its links.
+The cost of Jacobians grows with the square of the number of joints, that of mass matrices with the
+cube. The number of link pairs that are checked for collisions grows with the square of the number
+of links; each pair takes longer if there are more joints between its links.
 """
 
 
@@ -92,7 +92,7 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
 
 
 def check_size(path: Path, urdf: Urdf) -> None:
-    """Refuse a tree that is larger than any arm.
+    """Refuse a tree that has more links or joints than any arm.
 
     Raises:
         FileFormatError: The tree is too large.
@@ -181,9 +181,9 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
 
 
 def _read_tree(path: Path, arm: ArmFile) -> Urdf:
-    """Read the tree of an arm, with the limits and the placement of its base in the arm file.
+    """Read the URDF of an arm, and apply the limits and the base placement of the arm file.
 
-    The shapes for contact must be simple, so that the simulator can use them.
+    Collision shapes must be simple, so that the simulator can use them.
     """
     urdf = read_description(arm.urdf_path, path.parent)
     for link in urdf.links:

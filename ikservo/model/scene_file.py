@@ -39,7 +39,7 @@ Sides = Annotated[tuple[Length, Length, Length], Field(strict=False)]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeepOutShape:
-    """A thing that the arm must not touch: a turned box, a cylinder or a ball.
+    """A thing that the arm must not touch: a rotated box, a cylinder or a sphere.
 
     Attributes:
         name: Name for messages, such as ``the cup``.
@@ -76,7 +76,7 @@ class KeepOutShape:
 
     @property
     def half_size_m(self) -> Vector:
-        """Half of its length, width and height (3,), including the rounding."""
+        """Half of its length, width and height (3,) [m], including the radius of its edges."""
         return self.row[12:15] + self.row[ROUNDING]
 
     @property
@@ -119,7 +119,7 @@ class PlacedArm:
 
 
 def capsule_shape(name: str, capsule: Capsule, margin_m: float) -> KeepOutShape:
-    """Return a capsule, enlarged by a margin, as a thing."""
+    """Convert a capsule, enlarged by a margin, to a thing."""
     along = capsule.end_m - capsule.start_m
     length_m = float(np.linalg.norm(along))
     R = rotation_z_to(along / length_m) if length_m > 0.0 else np.eye(3)
@@ -289,7 +289,7 @@ def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
 
 def turned_deg(R: Matrix) -> tuple[float, float, float]:
     """Return roll, pitch and yaw (3,) of a rotation (3, 3), degrees."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415  # takes longer than a command
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415  # slow to import
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # at a pitch of 90°, roll and yaw are not unique

@@ -10,19 +10,19 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class GearFriction:
-    """Dry friction of a servo's gears, which grows with their load and is greater at low speed.
+    """Dry friction of a servo's gears, which grows with their load and is larger at low speed.
 
     ``|tau| <= coulomb + load g + square g^2 + exp(-|w| / slow_rad_s) (slow + slow_load g)`` with
-    the load g on the gears, the difference between the motor's torque and the outer torque. This is
-    model m4 of Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation of
-    Servo Actuators" (2024), plus a part that grows with the square of the load.
+    the load g on the gears, the difference between the motor's torque and the external torque. This
+    is model m4 of Duclusaud, Passault et al., "Extended Friction Models for the Physics Simulation
+    of Servo Actuators" (2024), plus a part that grows with the square of the load.
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
-        slow_nm: The additional friction of a slow shaft.
+        slow_nm: Additional friction at low speed.
         slow_rad_s: Velocity at which the additional friction has fallen to 37 %.
         load: Friction per N m of load.
-        slow_load: Additional friction of a slow shaft per N m of load.
+        slow_load: Additional friction at low speed per N m of load.
         square_per_nm: Friction per square of the load.
     """
 
@@ -35,17 +35,17 @@ class GearFriction:
 
     @property
     def static_nm(self) -> float:
-        """Outer torque that starts to turn a resting shaft whose motor is off."""
+        """External torque that starts to turn a resting shaft whose motor is off."""
         return self.static_load_nm(0.0)
 
     def static_load_nm(self, held_nm: float) -> float:
-        """Compute the load g of the gears at which a resting shaft starts: held + friction under g.
+        """Compute the gear load g at which a resting shaft starts to turn: held + friction under g.
 
         It is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``. If
         there is no real root, the square root in its formula is taken as zero.
 
         Args:
-            held_nm: Load without friction: zero on a limp shaft, twice the outer torque if the
+            held_nm: Load without friction: zero if torque is off, twice the external torque if the
                 motor lifts it.
         """
         rest = 1.0 - self.load - self.slow_load
@@ -68,9 +68,9 @@ class ServoTorque:
         friction: The friction of the gears.
         startup_duty: Duty that the firmware adds in the direction of an error, minus the duty of
             its dead zone at ``p_gain``.
-        sustained_duty: Duty at which a blocked servo may press for long, with a margin to its own
-            protection, which acts at 80 % by Feetech's registers. Dynamixel publishes no value;
-            the simulator uses 90 %.
+        sustained_duty: Duty that a blocked servo may apply for a long time, with a margin to its
+            own protection, which acts at 80 % according to Feetech's registers. Dynamixel publishes
+            no value; the simulator uses 90 %.
     """
 
     stiffness_nm_rad: float
@@ -84,7 +84,7 @@ class ServoTorque:
 
     @property
     def sustained_nm(self) -> float:
-        """Torque from a position error that a blocked servo may keep for a long time."""
+        """Torque that a blocked servo may produce for a long time."""
         return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
     def full_current_a(self, nominal_v: float) -> float:
@@ -103,7 +103,7 @@ class ServoTorque:
 
     @property
     def friction_share(self) -> float:
-        """Fraction of the duty that friction takes."""
+        """Static friction as a fraction of the torque at full duty."""
         return self.static_friction_nm / self.full_duty_nm
 
 
@@ -190,7 +190,7 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
     Args:
         model: The servo model.
         supply_v: The supply voltage in the arm file. If it is None or has no figures of its own,
-            the usual voltage is meant.
+            the usual voltage is assumed.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 

@@ -1,14 +1,14 @@
-"""Compute the distance that joints continue after the last goal, divided by their speed.
+"""Compute the distance that joints travel after the last goal, divided by their speed.
 
 The goal of a moving joint leads it, because a position servo gives torque only while its joint
-lags. When the program dies the joint still moves to its last goal, and swings past it if it has
-little damping. With inertia I, damping b, stiffness k, and ``w = sqrt(k / I)``, ``z = b / (2 sqrt(k
-I))``, a joint at the speed v continues by v times::
+lags. When the program is killed, the joint still moves to its last goal, and swings past it if it
+has little damping. With inertia I, damping b, stiffness k, and ``w = sqrt(k / I)``, ``z = b / (2
+sqrt(k I))``, a joint at the speed v continues by v times::
 
     delay + b / k + exp(-z (pi - acos z) / sqrt(1 - z^2)) / w        the last term if z < 1
 
 This is the response of the linear system from its lag ``b v / k``. Gravity and friction of a moving
-joint only shift where it comes to rest.
+joint only shift its final position.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _MARGIN = 1.15
 
 
 def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
-    """Return the travel of each joint after its last goal, divided by its speed, in any posture.
+    """Return the largest travel of each joint after its last goal, divided by its speed.
 
     Args:
         model: The masses and servos.

@@ -177,7 +177,7 @@ def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple 
 
 
 def _read_colour(material: XmlElement) -> Triple | None:
-    """Read red, green and blue; return None if the text is not usable: a colour is not needed."""
+    """Read red, green and blue; return None if they are not usable, because they are optional."""
     for colour in material.child_elements("color"):
         parts = colour.attributes.get("rgba", "").split()
         with contextlib.suppress(ValueError):
@@ -305,7 +305,7 @@ _FULL_TURN_RAD = 2 * math.pi + 1e-3
 def lint_urdf(
     root: XmlElement, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
 ) -> tuple[str, ...]:
-    """Return one line for each thing that is allowed but probably a mistake."""
+    """Return one line for each value that is allowed but probably a mistake."""
     found: list[str] = []
     for joint in joints:
         place = f"line {joint.line}: joint {quote(joint.name)}"

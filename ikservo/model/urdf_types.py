@@ -95,7 +95,7 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """A ball centred on its origin."""
+    """A sphere centred on its origin."""
 
     radius_m: float
     xyz_m: Triple

@@ -141,7 +141,7 @@ def parse_xml(path: Path, text: str) -> XmlElement:
 
 
 class _ElementBuilder:
-    """Builds elements for the parser, which calls it; limits their depth and number."""
+    """Builds elements when the parser calls its methods; limits their depth and number."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -196,7 +196,7 @@ _HEAD_BYTES = 64 * 1024
 
 
 def is_mjcf(path: Path) -> bool:
-    """Check whether a file begins as an MJCF does."""
+    """Check whether a file begins like an MJCF file."""
     try:
         with path.open("rb") as file:
             return b"<mujoco" in file.read(_HEAD_BYTES)

@@ -52,7 +52,7 @@ class ArcPath:
         return self.length
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the point, its slope and its bend (3,) at a distance along the arc."""
+        """Compute the point and its first two derivatives (3,) at a distance along the arc."""
         angle = min(max(distance, 0.0), self.length) / self.radius_m
         out = math.cos(angle) * self._out + math.sin(angle) * self._across
         across = math.cos(angle) * self._across - math.sin(angle) * self._out
@@ -111,8 +111,8 @@ def arc_about_axis(
     """Compute the arc that a start (3,) [m] describes about an axis.
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
-    passes through the start, counter-clockwise as seen against the normal; the centre need not be
-    in its plane.
+    starts at the start point and runs counter-clockwise about the normal; the centre need not be in
+    its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than

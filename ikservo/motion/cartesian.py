@@ -27,7 +27,7 @@ from ikservo.motion.trajectory import KinematicLimits
 ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
 """Largest angle between the tool's orientation and the desired one that counts as reached [rad]."""
 
-_STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; the next one if the path is left
+_STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; the next if the tip leaves the path
 _STEP_RAD = 0.02  # largest rotation of the tool between two of them
 _MIN_POINTS = 5  # fewest points of a path
 # A rotation in place has no length of its own; this is its length per radian, metres.
@@ -35,7 +35,7 @@ _LEVER_M = 0.1
 # Half of the allowed deviation from a line; the other half is for the servos' ticks.
 _MAX_DEVIATION_M = 0.25e-3
 _ROUNDING = 1e-9  # rounding of a joint at its limit, rad or m
-_BLEND_M = 0.02  # distance at which a waypoint is passed, unless another is given
+_BLEND_M = 0.02  # default distance from a waypoint at which the blend begins
 _CHECKS_PER_POINT = 4  # samples between two points, to measure the deviation
 
 
@@ -44,7 +44,7 @@ class CartesianJointPath:
     """The joints along a Cartesian path of the tool.
 
     Attributes:
-        spline: The joints (dof,) over a distance that is at least the length of the path.
+        spline: The joints (dof,) as a function of distance, which is at least the path length.
         orientation_error_rad: The orientation error along the path (k,).
     """
 
@@ -63,8 +63,8 @@ def solve_cartesian_path(
     """Find the joints along a path of the tool.
 
     The tool keeps its orientation, relative to the arm plane of arms that have one, or rotates
-    evenly to the orientation at ``end``. If the arm cannot keep it everywhere, the tool rotates
-    evenly to the nearest possible orientation at the end of the path; if that fails, the
+    uniformly to the orientation at ``end``. If the arm cannot keep it everywhere, the tool rotates
+    uniformly to the nearest possible orientation at the end of the path; if that fails, the
     orientation is free.
 
     Args:
@@ -72,7 +72,7 @@ def solve_cartesian_path(
         start: The joints at the start (dof,).
         path: The path of the tip, metres, base frame.
         end: Joints (dof,) with the final orientation; None to keep the orientation at the start.
-        strict: Whether the orientation must be kept in the world exactly.
+        strict: Whether the orientation must be kept exactly in the world frame.
 
     Raises:
         CartesianPathError: The path cannot be followed; the error names the furthest point reached.
@@ -95,7 +95,8 @@ def solve_cartesian_path(
             failed.append(error)
             continue
         found.append(_measure_curve(chain, desired, spline))
-        # A path near the desired orientation may have corners; an even rotation has none.
+        # The path to orientations near the desired one may have corners; a uniform rotation has
+        # none.
         if (
             orientation_of is not _follow_orientation
             or found[0].orientation_error_rad.max() <= ORIENTATION_TOLERANCE_RAD
@@ -116,7 +117,7 @@ def _follow_orientation(
 def _interpolate_to_reachable(
     chain: Chain, start: Vector, path: ToolPath, desired: OrientationInterpolation
 ) -> OrientationInterpolation:
-    """Return the even rotation to the nearest possible orientation at the path's end."""
+    """Return the uniform rotation to the nearest possible orientation at the path's end."""
     joints = track_path(chain, start, path, desired, _point_counts(path, desired)[0])
     start_rotation, end_rotation = (chain.forward(q)[:3, :3] for q in (start, joints[-1]))
     return OrientationInterpolation.between(
@@ -229,7 +230,7 @@ class CartesianTrajectory(PathTrajectory):
 
     The tool's orientation is kept as well as the arm can: arms of four and five joints keep pitch
     and roll in the upright plane that their first joint rotates, others the complete orientation.
-    With ``end``, the tool rotates evenly to the orientation of these joints.
+    With ``end``, the tool rotates uniformly to the orientation of these joints.
 
     Args:
         chain: The arm; ``start`` is inside its limits.
@@ -237,11 +238,11 @@ class CartesianTrajectory(PathTrajectory):
         path: The path of the tip from the start, metres, base frame.
         limits: The kinematic limits of each joint.
         speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
-        tool_speed_m_s: The speed of only the tip, at most ``speed_m_s``; None for as fast as
+        tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None: as fast as
             possible.
         end: Joints (dof,) with the final orientation of the tool, as far as the arm can reach it on
             its branch.
-        strict: Whether the orientation must be kept in the world exactly.
+        strict: Whether the orientation must be kept exactly in the world frame.
 
     Attributes:
         length_m: The length of the tip's path.

@@ -23,8 +23,8 @@ _Pieces = tuple[tuple[float, RuckigMotion], ...]
 class OnlineTrajectory:
     """A trajectory of n joints whose goal can change while it runs, until it is stopped.
 
-    Each goal is reached as fast as the limits allow, by all joints at the same time and at rest,
-    without a stop or a jump in position, velocity or acceleration. Positions stay inside their
+    All joints reach each goal at the same time, at rest, and as fast as the limits allow, without a
+    stop before it or a jump in position, velocity or acceleration. Positions stay inside their
     bounds at every instant, also while braking for a new goal.
 
     Times are relative to the trajectory's start and never decrease; states before the last two
@@ -96,7 +96,7 @@ class OnlineTrajectory:
     def retarget(
         self, goal: ArrayLike, time_s: float, check: Callable[[RuckigMotion], None] | None = None
     ) -> Vector:
-        """Set another goal from a given time on; return the final position (n,).
+        """Set a new goal that applies from a given time on; return the final position (n,).
 
         A goal outside the bounds is clipped to the nearest position inside.
 
@@ -128,8 +128,8 @@ class OnlineTrajectory:
     def stop(self, time_s: float) -> None:
         """Come to rest as soon as the limits allow; ``duration_s`` is then finite.
 
-        If braking at once would leave the bounds, it comes to rest at its goal. A second call
-        changes nothing.
+        If braking at once would leave the bounds, the motion comes to rest at its goal. A second
+        call changes nothing.
 
         Raises:
             BadValueError: The time decreases.
@@ -141,7 +141,7 @@ class OnlineTrajectory:
         self._aimed_s, self._end_s = time_s, max(self.settles_at_s, time_s)
 
     def _candidate_trajectories(self, goal: Vector, time_s: float) -> Iterator[_Pieces]:
-        """Yield motions to a goal, the best first; the last one passes the old goal."""
+        """Yield motions to a goal, the best first; the last one passes through the old goal."""
         before, current = _piece_at(self._pieces, time_s), self.state(time_s)
         for together in (True, False):
             try:
@@ -187,7 +187,7 @@ def _piece_at(pieces: _Pieces, time_s: float) -> tuple[float, RuckigMotion]:
 
 
 def _check_bound(values: ArrayLike | None, n: int, default: float) -> Vector:
-    """Compute one side of the bounds, which is infinite for continuous joints."""
+    """Check one side of the bounds (n,); without values, every bound is ``default``."""
     given = np.full(n, default) if values is None else np.asarray(values, dtype=np.float64)
     if given.shape != (n,):
         raise BadValueError("A vector of limits", f"of shape {given.shape}", f"shape ({n},)")

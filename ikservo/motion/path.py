@@ -17,22 +17,19 @@ from ikservo.kinematics.se3 import exp_so3, log_so3
 
 
 class Path(Protocol):
-    """A smooth curve of n values over a distance, in metres, radians or another measure."""
+    """A smooth curve of n values as a function of distance, in metres, radians or another unit."""
 
     @property
     def length(self) -> float:
-        """The distance at the end of the path, which starts at 0."""
+        """The distance at the end of the path; at its start, the distance is 0."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Return point, slope and bend (n,): the curve and its first two derivatives."""
+        """Compute the point and its first two derivatives (n,) at a distance."""
         ...
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the maxima of slope, bend and twist (n,), as magnitudes, between two distances.
-
-        The twist is the third derivative.
-        """
+        """Compute the largest magnitudes of the first three derivatives (n,) in an interval."""
         ...
 
 
@@ -47,12 +44,12 @@ class ToolPath(Protocol):
 
     @property
     def length(self) -> float:
-        """The distance at the end of the path, which starts at 0."""
+        """The distance at the end of the path; at its start, the distance is 0."""
         ...
 
     @property
     def breakpoints(self) -> list[float]:
-        """The distances at which the kind of the path changes, and both ends."""
+        """The distances at which the type of the curve changes, and both ends."""
         ...
 
     def path_length(self) -> float:
@@ -60,7 +57,7 @@ class ToolPath(Protocol):
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Return the point, its slope and its bend (3,) at a distance."""
+        """Compute the point and its first two derivatives (3,) at a distance."""
         ...
 
 
@@ -71,9 +68,10 @@ _SAME_POINT_M = 1e-9
 class BlendedPath:
     """Straight lines through points in n dimensions, with a blend instead of each corner.
 
-    In a blend, the slope changes from the direction of one line to that of the other with the
-    polynomial 3x² - 2x³, so that slope and bend are continuous. The curve then passes each corner
-    within 3/8 of the blend, stays inside the box of its points, and is never longer than the lines.
+    In a blend, the first derivative changes from the direction of one line to that of the other
+    with the polynomial 3x² - 2x³, so that it and the second derivative are continuous. The curve
+    then passes each corner within 3/8 of the blend, stays inside the box of its points, and is
+    never longer than the lines.
 
     Args:
         points: The points (k, n).
@@ -111,14 +109,14 @@ class BlendedPath:
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the point, its slope and its bend (n,) at a distance."""
+        """Compute the point and its first two derivatives (n,) at a distance."""
         if not self._pieces:
             return self._start, np.zeros_like(self._start), np.zeros_like(self._start)
         inside = min(max(distance, 0.0), self.length)
         return self._pieces[max(bisect_right(self._begins, inside) - 1, 0)].at(inside)
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the maxima of slope, bend and twist (n,) between two distances."""
+        """Compute the largest magnitudes of the first three derivatives (n,) in an interval."""
         inside = [p.max_derivatives() for p in self._pieces if p.begin < end and p.end > begin]
         slopes, bends, twists = zip(*inside, strict=True)
         return np.max(slopes, axis=0), np.max(bends, axis=0), np.max(twists, axis=0)
@@ -126,7 +124,7 @@ class BlendedPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BlendSegment:
-    """A line, or a blend of two lines, in which the slope changes between directions (n,)."""
+    """A line, or a blend of two lines, in which the tangent changes between directions (n,)."""
 
     begin: float
     end: float
@@ -209,7 +207,8 @@ class SplinePath:
         self.length = float(distances[-1])
         self.distances = distances
         self._curve = CubicSpline(distances, points)
-        # Each piece is c₀t³ + c₁t² + c₂t + c₃; its slope is largest at an end or at its summit.
+        # Each piece is c₀t³ + c₁t² + c₂t + c₃; its derivative is largest at an end or at its
+        # vertex.
         c, width = np.asarray(self._curve.c, dtype=np.float64), np.diff(distances)[:, None]
         summit = np.clip(-c[1] / (3.0 * np.where(c[0] == 0.0, _NEGLIGIBLE, c[0])), 0.0, width)
         slopes = [np.abs((3.0 * c[0] * t + 2.0 * c[1]) * t + c[2]) for t in (0.0, summit, width)]
@@ -219,7 +218,7 @@ class SplinePath:
         self._twists: Matrix = np.abs(6.0 * c[0])
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the point, its slope and its bend (n,) at a distance."""
+        """Compute the point and its first two derivatives (n,) at a distance."""
         inside = min(max(distance, 0.0), self.length)
         q, slope, bend = (np.asarray(self._curve(inside, order)) for order in (0, 1, 2))
         return q, slope, bend
@@ -229,7 +228,7 @@ class SplinePath:
         return np.asarray(self._curve(distances), dtype=np.float64)
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Compute the maxima of slope, bend and twist (n,) between two distances."""
+        """Compute the largest magnitudes of the first three derivatives (n,) in an interval."""
         first = max(int(np.searchsorted(self.distances, begin, side="right")) - 1, 0)
         last = max(int(np.searchsorted(self.distances, end, side="left")), first + 1)
         pieces = slice(first, last)
@@ -274,12 +273,12 @@ class ArmPlane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrientationInterpolation:
-    """Interpolation of two orientations: even rotation about an axis fixed to the arm plane.
+    """Interpolation of two orientations: uniform rotation about an axis fixed to the arm plane.
 
     Attributes:
         plane: The plane to which the orientation is relative.
         start: The orientation R_plane_tool (3, 3) at the start.
-        rotation_rad: The rotation vector (3,) of the whole rotation, in the plane.
+        rotation_rad: The rotation vector (3,) of the whole rotation, in the frame of the plane.
     """
 
     plane: ArmPlane
@@ -297,7 +296,7 @@ class OrientationInterpolation:
 
     @classmethod
     def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
-        """Make a constant orientation, as it is at joints (dof,)."""
+        """Return an interpolation that keeps the orientation in the plane at joints (dof,)."""
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
     def at(self, fraction: float, q: Vector) -> Matrix:

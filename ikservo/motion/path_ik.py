@@ -10,7 +10,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.path import OrientationInterpolation, ToolPath
 
-# Tight enough that third differences of points half a millimetre apart are not mere noise.
+# With this tolerance, noise does not dominate third differences of points half a millimetre apart.
 _TIGHT = Tolerance(1e-7, 1e-6)
 _REACHED_M = 1e-6  # largest error of a point on the line
 # A joint that moves further passes a singularity or changes its branch.
@@ -78,7 +78,7 @@ def track_path(
 def _find_obstruction(
     chain: Chain, result: Result, steps: Vector, max_step_rad: float
 ) -> list[str]:
-    """Find what keeps a step from its point, or the joint that moves too far; empty if none.
+    """Return the limits that block a step, or the joint that moves too far; empty if none.
 
     The comparisons are written so that NaN is also refused.
     """

@@ -26,8 +26,8 @@ from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
     """Compute the lowest and highest positions (n,) of a trajectory.
 
-    ruckig's own ``position_extrema`` contains only instants of changing jerk, but a joint that
-    reverses does so between two of them.
+    ruckig's own ``position_extrema`` covers only the instants at which the jerk changes, but a
+    joint reverses between two of them.
     """
     (profiles,) = trajectory.profiles
     lowest: list[float] = []
@@ -63,7 +63,8 @@ def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[fl
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
-    # The larger root first, then the other by their product: also exact if j is nearly 0.
+    # The larger root comes first, and the other follows from their product, which is exact for
+    # small j.
     sum_ = -(a + math.copysign(math.sqrt(root), a))
     found = [sum_ / j if j else math.inf, 2.0 * v / sum_ if sum_ else math.inf]
     return [at_s for at_s in found if 0.0 < at_s < time_s]
@@ -77,7 +78,7 @@ class RuckigMotion:
 
     Args:
         start: The start state.
-        end: The end state, which continues afterwards.
+        end: The end state, which is also the state afterwards.
         trajectory: The computed motion.
         top_speeds: The maximum speed of each joint, rad/s or m/s.
 

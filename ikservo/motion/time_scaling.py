@@ -19,18 +19,18 @@ from ikservo.motion.path import BlendedPath, Path
 from ikservo.motion.point_to_point import JointMove
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-# Fractions of the speed limit from bends and twists to try; the rest is left for acceleration along
-# the curve.
+# Fractions to try of the speed that the second and third derivatives allow; the rest is left for
+# acceleration along the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)
 _ZONES = (1, 2, 5, 13, 34)  # numbers of equal zones to try, each with its own speed limit
-_MIN_LENGTH = 1e-6  # a shorter curve is a point
-_ROUNDING = 1e-6  # fraction by which limits are kept, in spite of rounding
+_MIN_LENGTH = 1e-6  # a shorter curve counts as a point
+_ROUNDING = 1e-6  # margin to the limits for rounding, as a fraction
 _UNBOUNDED = 1e6  # limit along a curve that hardly moves any joint
 
 
 @dataclass(frozen=True, slots=True)
 class _SpeedZone:
-    """A stretch of the curve with its own limits on speed, acceleration and jerk."""
+    """A section of the curve with its own limits on speed, acceleration and jerk."""
 
     begin: float
     end: float
@@ -46,17 +46,17 @@ class _SpeedZone:
 class TimeScaling:
     """Fast time scaling of a curve, from rest to rest.
 
-    With the distance s, the joints have ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and
-    ``q⃛ = q''' ṡ³ + 3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its
-    derivatives give the speed, acceleration and jerk along it that keep all three inside the
-    limits, at every instant and not only at samples. Zones are passed without acceleration at
-    their ends. Several sets of zones are tried, and the fastest is used.
+    With the distance s, the joints have ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and ``q⃛ = q''' ṡ³ +
+    3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its derivatives give the
+    speed, acceleration and jerk along it that keep all three inside the limits, at every instant
+    and not only at samples. The acceleration along the curve is zero at the ends of every zone.
+    Several sets of zones are tried, and the fastest is used.
 
     Args:
         curve: The curve.
         limits: The kinematic limits of each of the curve's n values.
         top_speed: The maximum speed along the curve.
-        marks: Distances at which the kind of the curve changes, including both ends.
+        marks: Distances at which the type of the curve changes, including both ends.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class TimeScaling:
 
 
 class _PathAccelerationBounds:
-    """Limits along a curve whose derivatives are bounded."""
+    """Bounds on the derivatives of a curve, and the limits along it that they allow."""
 
     def __init__(self, limits: Sequence[KinematicLimits], top_speed: float) -> None:
         self._speeds = np.array([limit.speed_rad_s for limit in limits]) * (1.0 - _ROUNDING)
@@ -124,7 +124,7 @@ class _PathAccelerationBounds:
     def make_zones(
         self, begin: float, end: float, derivatives: tuple[Vector, Vector, Vector]
     ) -> Iterator[_SpeedZone]:
-        """Yield limits of a stretch for each fraction of acceleration and jerk used by bends."""
+        """Yield the limits of a zone for each fraction of the limits that the curvature may use."""
         slope, bend, twist = derivatives
         fastest = min(self._top, _min_ratio(self._speeds, slope))
         by_bend = _min_ratio(self._accelerations, bend)
@@ -201,7 +201,7 @@ class PathTrajectory:
         curve: The path of the joints.
         limits: The kinematic limits of each joint.
         top_speed: The maximum speed along the curve, in the unit of its distance per second.
-        marks: Distances at which the kind of the curve changes, including both ends.
+        marks: Distances at which the type of the curve changes, including both ends.
     """
 
     def __init__(
@@ -251,8 +251,8 @@ class JointWaypointTrajectory(PathTrajectory):
         points: The waypoints (k, n).
         limits: The kinematic limits of each joint.
         blends: The distance from each of the k - 1 inner points, in the joint that moves furthest,
-            at which the motion leaves the straight path; at most half of it. One number is used for
-            all points.
+            at which the motion leaves the straight path; at most half of this path is used. One
+            number is used for all points.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or a blend is not positive.

@@ -80,7 +80,7 @@ class ZeroSource(Enum):
             steps: The longest motion of each joint, in the order of the vectors.
 
         Raises:
-            CalibrationError: A joint would move further than that.
+            CalibrationError: A joint would move further than ``steps`` allows.
         """
         if self.are_known:
             return
@@ -165,14 +165,14 @@ class CalibratedArm:
         self.zeros, self.calibration = zeros, calibration
 
     def joint_map(self, joint: ModelJoint) -> JointMap:
-        """Return the map from the ticks that the servo reports at present to the joint."""
+        """Return the map from the servo's present ticks to joint positions."""
         own = self._calibrated_joint(joint)
         if own is None:
             return joint.joint_map
         joint_map = own.joint_map(joint.joint_map)
         if not own.extended:
             return joint_map
-        # A multi-turn servo may have started on another revolution this time.
+        # A multi-turn servo may have started on another revolution than at calibration.
         turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
         present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
         low, high = own.travel_ticks
@@ -183,7 +183,7 @@ class CalibratedArm:
         """Return the joint's range that arm file, calibration and servo registers allow.
 
         Raises:
-            CalibrationError: There is no common range; the two limits that exclude it are named.
+            CalibrationError: There is no common range; the two contradicting limits are named.
         """
         own, servo_id = self._calibrated_joint(joint), joint.servo.id
         low = self._bus.read(servo_id, RegisterName.MIN_POSITION_LIMIT, raw=True)
@@ -199,7 +199,7 @@ class CalibratedArm:
         return limits.intersect(_limits_from_registers(joint_map, registers))
 
     def chain(self) -> Chain:
-        """Return the arm's chain with its own links, base and bending, if they are calibrated."""
+        """Return the arm's chain, with links, base and bending as far as they are calibrated."""
         chain = self._model.chain
         return chain if self.calibration is None else own_chain(self._model, self.calibration)
 
@@ -230,7 +230,7 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
-    from ikservo.kinematics.bending import Bending  # noqa: PLC0415  # of few arms
+    from ikservo.kinematics.bending import Bending  # noqa: PLC0415  # few arms need it
 
     dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
     return Bending(dynamics, compliance, half_play)
@@ -320,7 +320,7 @@ def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: Mod
     """Return the range that arm file, calibration and the user's limits allow.
 
     Raises:
-        CalibrationError: There is no common range; the two limits that exclude it are named.
+        CalibrationError: There is no common range; the two contradicting limits are named.
     """
     encoder = encoder_of(MODELS[own.servo.model])
     return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))

@@ -31,7 +31,7 @@ _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmContext:
-    """The parts of an arm; functions of an arm take this and a ``MotionRunner``.
+    """The parts of an arm, which its functions take together with a ``MotionRunner``.
 
     Attributes:
         model: The arm's model.
@@ -136,7 +136,7 @@ class ArmContext:
         return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:
-        """Load the code that solving and checking need, which takes too long in a control loop."""
+        """Load the code for solving and checking, which would delay a control loop later."""
         q = self.chain.clip(np.zeros(self.chain.dof))
         Solver(self.chain, "position").track(self.chain.forward(q), q)
         if self.collision is not None:
@@ -202,7 +202,7 @@ class ArmContext:
             The smallest distance of the body [m] on the path; see ``clearance_m``.
 
         Raises:
-            RefusedError: Something would be touched.
+            RefusedError: The arm would touch something.
         """
         if self.checked_collision is None:
             return math.inf
@@ -212,10 +212,10 @@ class ArmContext:
         )
 
     def check_piece(self, running: Trajectory, from_s: float, until_s: float, speed: str) -> None:
-        """Check a piece of the path of a running trajectory in the present surroundings.
+        """Check a section of the path of a running trajectory in the present surroundings.
 
         Raises:
-            CollisionError: Something would be touched.
+            CollisionError: The arm would touch something.
         """
         if self.checked_collision is not None:
             path = self.planner.sample_trajectory(running, speed, from_s, until_s)
@@ -230,7 +230,7 @@ class ArmContext:
             rest: The joints (n,) from which the trajectory began, at rest.
 
         Raises:
-            RefusedError: Something would be touched.
+            RefusedError: The arm would touch something.
         """
         if self.checked_collision is not None:
             path = sample_path(move.at, move.duration_s, move.top_speed)
@@ -244,7 +244,7 @@ class ArmContext:
         """Check the straight path between two joint vectors (n,).
 
         Raises:
-            RefusedError: Something would be touched.
+            RefusedError: The arm would touch something.
         """
         if self.checked_collision is not None:
             self.checked_collision.check_path(
@@ -255,12 +255,12 @@ class ArmContext:
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
         """Check only the straight path of the jaws between two joint vectors (n,).
 
-        Capsules are thicker than jaws, and a limp arm has sunk onto its table and itself. Jaws have
-        little force and stop at obstacles, so small overlaps are allowed, and contacts of the
-        standing arm do not forbid a motion of the jaws.
+        Capsules are thicker than jaws, and a limp arm may lie on its table and on itself. Jaws have
+        little force and stop at obstacles, so small overlaps are allowed, and existing contacts of
+        the other links do not prevent a motion of the jaws.
 
         Raises:
-            RefusedError: Something would be touched.
+            RefusedError: The arm would touch something.
         """
         checker = self.checked_collision
         if checker is None:
@@ -287,7 +287,7 @@ class ArmContext:
         the recording begins, because the box may have been added later.
 
         Raises:
-            RefusedError: Something would be touched.
+            RefusedError: The arm would touch something.
         """
         checker = self.checked_collision
         if checker is None:

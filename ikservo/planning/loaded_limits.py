@@ -19,9 +19,9 @@ _REST_TRAVEL = 0.001
 def limits_under_load(
     chain: Chain, parameters: ArmParameters, joints: Matrix, *, friction: bool = True
 ) -> Chain | None:
-    """Return a chain whose limits leave room for the goals that move the arm along a path.
+    """Return a chain with limits that leave room for the lead of goals along a path.
 
-    A limit moves inwards by the largest lead that is needed where the goal would pass the limit.
+    Each limit is moved inwards by the largest lead among the goals that would pass it.
 
     Args:
         chain: The arm, inside the limits of its goals.

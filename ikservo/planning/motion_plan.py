@@ -1,4 +1,4 @@
-"""A motion plan and its preview: path, duration, limits that come close, start conditions."""
+"""A motion plan and its preview: path, duration, near limits, start conditions."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MotionPlan:
     Attributes:
         start: The joints (n,) at the start, rad or m.
         goal: The joints (n,) at the end.
-        trajectory: All joints over time; exactly the checked motion is streamed.
+        trajectory: The trajectory of all joints, which is streamed exactly as checked.
         tip_m: The tip (3,) at the goal, metres.
         path_m: The length of the tip's path.
         duration_s: The duration of the motion.
@@ -225,7 +225,7 @@ _SAG_TOLERANCE_S = 0.25
 def rebase_trajectory(
     plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits], names: Sequence[str]
 ) -> Trajectory:
-    """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
+    """Return the plan's trajectory, starting from the goals (n,) that the servos hold.
 
     The goals equal the plan's start within a tick, or lie slightly inside if a limp joint was
     outside its limits. A joint motion then starts from the goals; a line is preceded by a
@@ -351,8 +351,8 @@ def clamp_pose(
 ) -> PoseWithinLimits:
     """Clamp a named pose to the limits; see ``clamp_positions``.
 
-    The rest pose is clamped however far it is outside, because an arm must always be able to come
-    down. Other poses may have joints on their end stops, just beyond a limit.
+    The rest pose is clamped however far it is outside, because it must always be possible to lower
+    an arm. Other poses may have joints on their end stops, just beyond a limit.
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
     return clamp_positions(pose, driven_joints, start, max_rad)

@@ -113,7 +113,7 @@ def _parse_name(value: object) -> str:
     return value
 
 
-# Fields of several motions. The check of a field is written with its type, here or there.
+# Fields of several motions. The parser of a field is part of its type, here or in a motion.
 TargetPoint = Annotated[ArrayLike, _target("The target position")]
 ToolSpeed = Annotated[float | None, _parse_tool_speed]
 Speed = Annotated[str, _choice("speed", SPEEDS)]
@@ -197,7 +197,7 @@ def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]: 
 
 @dataclass(frozen=True)
 class MoveTo(MotionValue[MoveResult]):
-    """Motion of the tip to a point, on the fastest path of the joints.
+    """Motion of the tip to a point, by the fastest motion of the joints.
 
     Attributes:
         position_m: The point (3,), metres, base frame.
@@ -205,7 +205,7 @@ class MoveTo(MotionValue[MoveResult]):
             comes on is slow.
         stance: The orientation of the tool at the end. By default, the arm keeps the present
             orientation as well as it can.
-        straight: Whether the joints must move straight; otherwise, they may move around obstacles.
+        straight: Whether the joint path must be straight; otherwise, it may avoid obstacles.
         within: The constraint of the tool during the whole motion.
         think_s: Time after which the search for a path around obstacles gives up, s. If it is
             longer than ``THINK_S``, the rest is used to shorten the path.
@@ -228,7 +228,7 @@ class MoveTo(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveLine(MotionValue[MoveResult]):
-    """Motion of the tip to a point on a straight line, along which the tool turns evenly.
+    """Motion of the tip on a straight line to a point; the tool rotates uniformly.
 
     Attributes:
         position_m: The point (3,), metres, base frame.
@@ -264,7 +264,7 @@ class MoveArc(MotionValue[MoveResult]):
         end_m: The end (3,) [m] of the arc.
         full_circle: Whether the circle through the tip, the via point and the end is closed.
         center_m: The centre (3,) [m] of the arc, instead of a via point and an end.
-        normal: The direction (3,) of the arc's axis; seen against it, the arc is counter-clockwise.
+        normal: The direction (3,) of the axis, about which the arc runs counter-clockwise.
         angle_rad: The angle of the arc, negative for clockwise.
         tool_speed_m_s: See ``MoveLine``.
         speed: See ``MoveTo``.
@@ -325,7 +325,7 @@ class MoveThrough(MotionValue[MoveResult]):
     Attributes:
         points_m: The points (k, 3), metres, base frame.
         blend_m: Distance within which the tip passes each point except the last.
-        line: Whether the tip moves on straight lines; otherwise the joints do.
+        line: Whether the tip moves on straight lines; otherwise, the joints move point to point.
         tool_speed_m_s: See ``MoveLine``; only on lines.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``; at the last point.
@@ -397,7 +397,7 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""The motions of the tip. A motion with ``path_from`` needs nothing else for planning."""
+"""The motions of the tip; for those with ``path_from``, the planner uses no other field."""
 
 
 @dataclass(frozen=True)
@@ -407,7 +407,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
     Attributes:
         positions: The goals by joint, rad or m.
         speed: See ``MoveTo``.
-        straight: See ``MoveTo``; if joints of the chain stay, they always move straight.
+        straight: See ``MoveTo``; if a joint of the chain is not named, the path is always straight.
         within: See ``MoveTo``.
         think_s: See ``MoveTo``.
         replan: See ``MoveTo``.

@@ -34,8 +34,8 @@ class PathConstraint:
     """Constraints on the tool from the start of a motion to its end; none by default.
 
     Attributes:
-        upright_rad: The largest angle to the vertical of the axis that points up in the gripper at
-            the start, such as the axis of a cup. Rotation about the vertical is free.
+        upright_rad: The largest tilt of the gripper axis that points up at the start, such as the
+            axis of a cup. Rotation about the vertical is free.
         axis: A direction (3,), base frame, near which the tool axis stays.
         axis_rad: The largest angle between the two.
         low_m: The lowest corner (3,) of a box in which the tip stays.

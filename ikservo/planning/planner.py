@@ -64,9 +64,9 @@ def unreachable_error(target: Target, solution: Result) -> UnreachableError:
     )
 
 
-# No servo's joint moves further, including many revolutions.
+# No joint moves further, even over many revolutions.
 _MAX_JOINT_STEP_RAD = 1000.0
-# Checks sample a motion evenly: a longer motion would take minutes, and all memory.
+# Checks sample a motion at equal intervals: a longer one would take minutes and all memory.
 _LONGEST_S = 3600.0
 # Top speed of the tip on a line; safety standards call 0.25 m/s reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
@@ -262,7 +262,7 @@ class Planner:
         return self._make_plan(start, trajectory, speed)
 
     def constrained_tool(self, within: PathConstraint, start: Vector) -> ConstrainedTool | None:
-        """Return the tool, constrained from joints (n,) on; None without a constraint."""
+        """Return the tool with the constraint that joints (n,) define; None if there is none."""
         if not within.constrains:
             return None
         q = self._index.chain_joints(start)
@@ -347,7 +347,7 @@ class Planner:
         """Plan a motion after which the tool axis points at a point (3,) [m].
 
         Raises:
-            AimError: No joints inside the limits that point at the point were found.
+            AimError: No joints inside the limits were found that aim the tool axis at the point.
         """
         from ikservo.ik.sight import solve_sight  # noqa: PLC0415  # few motions aim
 
@@ -412,7 +412,7 @@ class Planner:
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
-        """Return the kinematic limits of each joint; those of a slide follow from its horn.
+        """Return the kinematic limits of each joint, derived from the horn for a prismatic one.
 
         In every speed class, the speed of a joint is limited so that it travels at most
         ``guard.MAX_TRAVEL_RAD`` after the last goal.
@@ -464,7 +464,7 @@ class Planner:
         *,
         strict: bool,
     ) -> CartesianTrajectory:
-        """Follow a path inside limits that leave room for the goals that move the arm along it.
+        """Follow a path inside limits that are reduced by the lead of goals under load.
 
         See ``CartesianTrajectory`` for ``q``, ``path``, ``tool_speed_m_s``, ``end``, ``strict``.
 

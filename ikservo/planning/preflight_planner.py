@@ -68,7 +68,7 @@ _STEPS_UP_M = (0.0, 0.03, 0.06, 0.1)
 
 
 class MotionStart(Protocol):
-    """The start of a motion and its allowed speed; ``MotionRunner`` knows the present ones."""
+    """The start of a motion and its allowed speed; ``MotionRunner`` provides the present ones."""
 
     def start_position(self) -> Vector:
         """Return the start (n,), rad or m."""
@@ -138,7 +138,7 @@ class PreflightPlanner:
 
     Args:
         context: The arm.
-        runner: Knows the start of a motion, and its allowed speed.
+        runner: Provides the start of a motion and its allowed speed.
         poses: The poses of the arm.
     """
 
@@ -239,7 +239,7 @@ class PreflightPlanner:
     def _describe_table(
         self, request: _MotionRequest, motion: MoveTo, error: CollisionError
     ) -> None:
-        """Say in an error that the point is below the table, and suggest a motion."""
+        """Add to an error that the point is below the table, and suggest a motion."""
         x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
         table_m = self._model.floor_m or 0.0
         if z < table_m:
@@ -373,7 +373,7 @@ class PreflightPlanner:
             raise
 
     def rest_pose(self) -> PoseWithinLimits:
-        """Return the rest pose within the limits, without a gripper that presses on something."""
+        """Return the rest pose within the limits, except for a gripper that presses on something."""
         rest, gripper = dict(self._model.pose("rest")), self._model.gripper
         start = self._runner.start_position()
         if gripper is not None:
@@ -385,7 +385,7 @@ class PreflightPlanner:
         return clamp_pose("rest", rest, self._servos.driven_joints, start)
 
     def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
-        """Plan from where the arm holds, because a limp arm may sink before torque-on."""
+        """Plan from the held position, because a limp arm may sink until torque is switched on."""
         plan = self.plan(motion)
         if self._servos.torque.is_on:
             return plan
@@ -422,8 +422,8 @@ class PreflightPlanner:
     ) -> Iterator[MotionPlan]:
         """Yield collision-free plans that avoid obstacles or leave a contact first.
 
-        An arm that touches something leaves the contact first. The error says what else can be
-        done.
+        An arm that touches something leaves the contact first. Other remedies are added to the hint
+        of ``error``.
         """
         touches = request.arm.clearance_m(request.start) < 0.0
         blocked = error if isinstance(error, BlockedError) else None
@@ -525,7 +525,7 @@ class PreflightPlanner:
         nearest = arm.nearest_free_joints(start)
         nearby = postures_nearby(arm, start, load_factor)
         for free in chain([] if nearest is None else [nearest], islice(nearby, _NEARBY)):
-            goals = MoveJoints(arm.index.by_name(free), speed=allowed)  # its tool is free
+            goals = MoveJoints(arm.index.by_name(free), speed=allowed)  # without a tool constraint
             leaving = replace(request, motion=goals)
             with suppress(RefusedError):
                 yield self._check_clear(leaving, self._plan_directly(leaving))
@@ -559,10 +559,10 @@ class PreflightPlanner:
         return via_pose_plan(first, then, pose, change_rad)
 
     def _check_clear(self, request: _MotionRequest, plan: MotionPlan) -> MotionPlan:
-        """Return a plan of the requested motion, completed, if its path is free.
+        """Check that the path of a plan is free, and return the plan with the results of the check.
 
         Raises:
-            RefusedError: Something would be touched, or a constraint violated.
+            RefusedError: The arm would touch something, or violate a constraint.
             StoppedError: The arm was stopped meanwhile.
         """
         self._servos.stop_request.check_request()
@@ -596,7 +596,7 @@ def plan_motion(
             points_m, blend_m = list(motion.points_m), motion.blend_m
             return planner.plan_waypoints(start, points_m, speed, blend_m, motion.stance)
         case Draw():
-            from ikservo.planning.strokes import plan_drawing  # noqa: PLC0415  # of few programs
+            from ikservo.planning.strokes import plan_drawing  # noqa: PLC0415  # few programs draw
 
             return plan_drawing(planner, motion, start, speed)
         case LookAt():

@@ -32,7 +32,7 @@ class Turn:
 
     @contextmanager
     def taken(self, arm: object, other: str) -> Generator[None]:
-        """Let an arm move in the block.
+        """Reserve the turn for an arm within the block.
 
         Args:
             arm: One of the two arms.
@@ -76,7 +76,7 @@ class AnotherArm(Protocol):
         ...
 
     def things(self, arm: object) -> Sequence[Obstacle]:
-        """Measure the other arm's links in the base frame of an arm, which takes turns with it.
+        """Measure the other arm's links; return them as things in the base frame of ``arm``.
 
         Raises:
             RefusedError: The other arm is moving, or its position cannot be measured.
@@ -106,7 +106,7 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Put the arm's body among things; other arms keep their last measured position."""
+        """Set the arm's body and the things around it; other arms stay where they were measured."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)
@@ -114,14 +114,14 @@ class Surroundings:
     def contacts_began_m(self) -> Vector | None:
         """Return the depth at which each pair of the checker came into contact (pairs,), or None.
 
-        Contacts are forgotten if the things have changed.
+        Contacts are discarded if the things have changed.
         """
         if self.contacts is None or self.checker is None or self.contacts[0] != self.checker.pairs:
             return None
         return self.contacts[1]
 
     def note_contacts(self, q: Vector) -> None:
-        """Record new contacts of an arm at rest at joints (dof,), and contacts that have ended."""
+        """Update the recorded contacts of an arm that rests at joints (dof,)."""
         if self.checker is not None:
             gap_m, known_m = self.checker.distances(q[None])[0], self.contacts_began_m()
             began_m = gap_m if known_m is None else np.where(np.isinf(known_m), gap_m, known_m)

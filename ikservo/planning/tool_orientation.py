@@ -1,4 +1,4 @@
-"""The tool orientation of a motion, and solutions for the joints that have it at a point."""
+"""The tool orientation of a motion, and joint solutions that have it at a point."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ToolOrientation:
     Without a constraint, the tool keeps its orientation as well as the arm can: arms with six
     joints keep the complete orientation; arms with four or five joints keep pitch, then roll, in
     the plane that their first joint rotates. A constraint must be met within half a degree, or
-    within ``within_rad``, which is used up only if something is in the way.
+    within ``within_rad``; this tolerance is used only if something is in the way.
 
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
@@ -212,7 +212,7 @@ _POSE_DOF = 6  # joints for any orientation at a point
 
 
 class OrientationSolver:
-    """Solves one orientation at one point, from the start joints."""
+    """Solves for joints with one tool orientation at one point, from the start joints."""
 
     def __init__(
         self, chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector

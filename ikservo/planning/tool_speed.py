@@ -10,7 +10,7 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import Trajectory
 
-_STEP_S = 0.005  # between two samples; longer in a motion of minutes, which must be planned soon
+_STEP_S = 0.005  # between two samples; longer in motions of minutes, to limit planning time
 _MIN_SAMPLES = 200  # fewest samples of a motion
 _MAX_SAMPLES = 20_000  # most samples of a motion
 # Speeds that differ by less are equal, because even slight corners are passed slower.
@@ -41,12 +41,12 @@ class ToolSpeed:
         return self.slowest_m_s >= (1.0 - _SAME) * self.requested_m_s
 
     def with_reasons(self, joints: tuple[str, ...], speed: str, cap_m_s: float) -> ToolSpeed:
-        """Return the speed, with the reasons why it is limited if it is not as requested.
+        """Return the speed with the reasons that limit it, if it is lower than requested.
 
         Args:
             joints: The joints at their top speed or acceleration.
             speed: The speed class.
-            cap_m_s: The highest speed of the tip in it.
+            cap_m_s: The highest speed of the tip in this class.
         """
         if self.is_constant:
             return self

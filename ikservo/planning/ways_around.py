@@ -19,9 +19,9 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 MARGINS_M = (0.01, 0.003, 0.0003)
 """Clearances of paths from all obstacles, the largest first [m]."""
 
-_EFFORT = 1000  # postures to check for a distance before the next one; doubles in each round
-_WIDE_EFFORT = 500  # the same for the largest distance: if it can be kept, a path is found soon
-_WIDE_ROUNDS = 2  # from the round after these on, the largest distance is left out
+_EFFORT = 1000  # postures checked for a clearance before the next one; doubles in each round
+_WIDE_EFFORT = 500  # the same for the largest clearance: if it is possible, a path is found soon
+_WIDE_ROUNDS = 2  # rounds after which the largest clearance is left out
 
 _TRIED = 20000  # postures around a contact
 _AROUND_RAD = 2.5  # largest offset of a joint in them, rad or m
@@ -38,7 +38,7 @@ def ways_around(
     *,
     takes_time: bool = False,
 ) -> Iterator[Matrix]:
-    """Yield postures (k, n) through which straight joint motions reach a goal.
+    """Yield paths around obstacles: postures (k, n) connected by straight joint motions.
 
     Args:
         context: The arm, whose paths are checked.

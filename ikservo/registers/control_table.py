@@ -169,7 +169,7 @@ class ControlTable:
 
     @classmethod
     def find(cls, ref: Register | RegisterName) -> Register:
-        """Find this model's register by name or by the same register of another model.
+        """Find a register by its name, or by the corresponding register of another model.
 
         Raises:
             UnknownNameError: This model has no such register.

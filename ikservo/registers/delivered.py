@@ -1,7 +1,7 @@
 """Factory values of servo registers, from the vendors' data sheets.
 
-The values are listed by series, and by model if it differs, for persistent registers and for the
-gains of Dynamixel X in RAM.
+The values are listed by series, and separately for models that differ. They cover persistent
+registers, and the gains of Dynamixel X in RAM.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ XL320_ALARM_BITS = {0: Alarm.OVERLOAD, 1: Alarm.HEAT, 2: Alarm.VOLTAGE}
 
 
 class Dynamixel1:
-    """Rows that servos with protocol 1.0 have in common."""
+    """Registers that all servos with protocol 1.0 have in common."""
 
     #                                 addr size codec   unit          access area    raw range
     model_number           = Register(   0, 2,  UINT,   NUMBER,       RO,    EEP)
@@ -142,7 +142,7 @@ class MX28(Dynamixel1, ControlTable):
 
 
 class XL320(ControlTable):
-    """Plastic servo for 7.4 V: rows like those of the AX, at other addresses, with protocol 2.0."""
+    """Plastic servo for 7.4 V: registers like the AX, at other addresses, with protocol 2.0."""
 
     model_name = "XL-320"
     number = 350
@@ -161,7 +161,7 @@ class XL320(ControlTable):
     return_delay_time      = Register(   5, 1,  UINT,   US_2,         RW,    EEP,       0,   254)
     cw_angle_limit         = Register(   6, 2,  UINT,   TICK_300,     RW,    EEP,       0,  1023)
     ccw_angle_limit        = Register(   8, 2,  UINT,   TICK_300,     RW,    EEP,       0,  1023)
-    # "Control Mode" of the sheet: 1 turns like a wheel, 2 holds a position.
+    # "Control Mode" in the data sheet: 1 is wheel mode, 2 is joint mode.
     operating_mode         = Register(  11, 1,  UINT,   NUMBER,       RW,    EEP,       1,     2)
     temperature_limit      = Register(  12, 1,  UINT,   CELSIUS,      RW,    EEP,       0,   150)
     min_voltage_limit      = Register(  13, 1,  UINT,   DECI_VOLT,    RW,    EEP,      50,   250)

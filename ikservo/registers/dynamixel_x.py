@@ -35,7 +35,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 3: Alarm.ENCODER, 4: Alarm.SHOCK,
 
 
 class DynamixelX:
-    """Rows of all X servos: 12-bit encoder, little-endian, two's complement."""
+    """Registers of all X servos: 12-bit encoder, little-endian, two's complement."""
 
     family = Family.DYNAMIXEL_2
     ticks_per_turn = 4096
@@ -105,7 +105,7 @@ class DynamixelX:
 
 
 class X330:
-    """Rows of the small servos, whose current is in milliamperes."""
+    """Registers of the small servos, which report current in milliamperes."""
 
     baud_rate              = Register(   8, 1,  UINT, NUMBER,       RW,  EEP,        0,        6)
     protocol_type          = Register(  13, 1,  UINT, NUMBER,       RW,  EEP,        2,       22)
@@ -160,7 +160,7 @@ class XC330M181(X330, DynamixelX, ControlTable):
 
 
 class XC330T:
-    """Rows of the XC330 for 12 V."""
+    """Registers of the XC330 for 12 V."""
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       55,      140)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       55,      140)
@@ -184,7 +184,7 @@ class XC330T181(XC330T, X330, DynamixelX, ControlTable):
 
 
 class XL430:
-    """Rows of the 12 V servos without a current sensor; they report load instead."""
+    """Registers of the 12 V servos without a current sensor, which report load instead."""
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
@@ -207,14 +207,14 @@ class DualXL430W250(XL430, DynamixelX, ControlTable):
 
 
 class XC430:
-    """Rows of a servo in the XL430's case, with a coreless motor and metal gears: up to 16 V."""
+    """Registers of the XC430: the XL430's case, coreless motor, metal gears, up to 16 V."""
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      160)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      160)
 
 
 class XC430W240(XC430, XL430, DynamixelX, ControlTable):
-    """Coreless XL430."""
+    """The XL430 with a coreless motor and metal gears."""
 
     model_name = "XC430-W240"
     number = 1080
@@ -236,7 +236,7 @@ class DualXC430W250(XC430, XL430, DynamixelX, ControlTable):
 
 
 class X430:
-    """Rows of the servos that measure the motor's current."""
+    """Registers of the servos that measure the motor's current."""
 
     current_limit          = Register(  38, 2,  UINT, MA_2_69,      RW,  EEP,        0,     1193)
     goal_current           = Register( 102, 2,  SINT, MA_2_69,      RW,  RAM,    -1193,     1193)
@@ -260,7 +260,7 @@ class XM430W210(X430, DynamixelX, ControlTable):
 
 
 class XH430W350(X430, DynamixelX, ControlTable):
-    """The XM430's case with a Maxon motor, which takes half the current."""
+    """The XM430's case with a Maxon motor, which draws half the current."""
 
     model_name = "XH430-W350"
     number = 1000
@@ -280,7 +280,7 @@ class XH430W210(X430, DynamixelX, ControlTable):
 
 
 class X540:
-    """Rows of the servos for shoulders, with twice the current, and external ports."""
+    """Registers of the X540 servos, with twice the current of the X430, and external ports."""
 
     current_limit          = Register(  38, 2,  UINT, MA_2_69,      RW,  EEP,        0,     2047)
     external_port_mode_1   = Register(  56, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
@@ -293,7 +293,7 @@ class X540:
 
 
 class XM540W270(X540, X430, DynamixelX, ControlTable):
-    """Servo for shoulders."""
+    """Large 12 V servo, for example for a shoulder joint."""
 
     model_name = "XM540-W270"
     number = 1120

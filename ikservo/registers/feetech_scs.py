@@ -36,7 +36,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 2: Alarm.HEAT, 5: Alarm.OVERLOAD}
 
 
 class FeetechSCS:
-    """Rows of all SCS servos: 10-bit potentiometer, big-endian, no sync read."""
+    """Registers of all SCS servos: 10-bit potentiometer, big-endian, no sync read."""
 
     family = Family.FEETECH_SCS
     byte_order = "big"
@@ -123,7 +123,7 @@ class SCS15(FeetechSCS, ControlTable):
 
 
 class SCS225(FeetechSCS, ControlTable):
-    """Servo of the second series: 25 kg·cm at 7.4 V, 1024 steps over 300 degrees, current.
+    """Servo of the second series: 25 kg·cm at 7.4 V, 1024 steps over 300 degrees; measures current.
 
     The units of its currents and the direction of its offset are not known; ikservo uses neither.
     """

@@ -40,7 +40,7 @@ ALARM_BITS = {0: Alarm.VOLTAGE, 1: Alarm.ENCODER, 2: Alarm.HEAT, 3: Alarm.CURREN
 
 
 class FeetechSTS:
-    """Rows of all STS servos: 12-bit magnetic encoder, little-endian."""
+    """Registers of all STS servos: 12-bit magnetic encoder, little-endian."""
 
     family = Family.FEETECH_STS
     ticks_per_turn = 4096
@@ -48,7 +48,7 @@ class FeetechSTS:
     alarm_bits = ALARM_BITS
     position_modes = (FeetechMode.POSITION,)
     fine_speed_bit = 0b100
-    # 128 makes the present position tick 2048; repeated after a motion it would set another offset.
+    # Writing 128 makes the present position tick 2048; a retry after a motion would set another.
     non_idempotent = frozenset({("torque_enable", 128)})
 
     #                                addr size codec   unit        access area    raw range
@@ -143,7 +143,7 @@ class STS3235(FeetechSTS, ControlTable):
 
 
 class HLS:
-    """Rows in which the HLS differ: a current loop, and speeds in units of 50 tick/s.
+    """Registers in which the HLS series differs: a current loop, speeds in units of 50 tick/s.
 
     Sources: Feetech's memory table of the series, and the list of models and registers of its
     program FD 1.9.8. The meaning of goal torque in speed and PWM mode is unknown.
@@ -163,10 +163,10 @@ class HLS:
     current_p_gain        = Register(  34, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     current_i_gain        = Register(  35, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
     torque_enable         = Register(  40, 1,  UINT,   NUMBER,     RW,    RAM,       0,     2)
-    # The largest current on the way to a goal; with 0 the servo does not move at all.
+    # Maximum current during a motion to a goal; with 0 the servo does not move at all.
     goal_torque           = Register(  44, 2,  SIGN15, MA_6_5,     RW,    RAM,   -2047,  2047)
     goal_speed            = Register(  46, 2,  SIGN15, TICK_RATE_50, RW,  RAM,  -32767, 32767)
-    # Gains of the position, from the EEPROM at power-up
+    # Position gains, loaded from the EEPROM at power-up
     kp                    = Register(  50, 1,  UINT,   NUMBER,     RW,    RAM,       0,   254)
     kd                    = Register(  51, 1,  UINT,   NUMBER,     RW,    RAM,       0,   254)
     ki                    = Register(  52, 1,  UINT,   NUMBER,     RW,    RAM,       0,   254)

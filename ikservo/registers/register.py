@@ -27,7 +27,7 @@ class Codec(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Unsigned:
-    """Encoding in which the word is the number."""
+    """Encoding of non-negative numbers, in which the word equals the number."""
 
     def to_word(self, number: int, size: int) -> int:
         """Return the number itself."""
@@ -47,7 +47,7 @@ class TwosComplement:
     """Encoding of Dynamixel protocol 2.0, in which the highest bit has negative weight."""
 
     def to_word(self, number: int, size: int) -> int:
-        """Compute the number modulo the word's span."""
+        """Compute the word: the number modulo ``2 ** (8 * size)``."""
         return number & (1 << 8 * size) - 1
 
     def to_number(self, word: int, size: int) -> int:
@@ -62,7 +62,7 @@ class TwosComplement:
 
 @dataclass(frozen=True, slots=True)
 class SignMagnitude:
-    """Encoding of Feetech, in which one bit is the direction and the bits below the magnitude.
+    """Encoding of Feetech: one bit is the direction, and the bits below it are the magnitude.
 
     Attributes:
         bit: The number of the direction bit; it differs from register to register.
@@ -89,7 +89,7 @@ ByteOrder = Literal["little", "big"]
 
 
 class Access(Enum):
-    """Access to a register."""
+    """Whether a register can only be read, or also written."""
 
     RO = "read-only"
     RW = "read and write"
@@ -106,9 +106,9 @@ class Area(Enum):
 class Register:
     """A row of the control table in the data sheet.
 
-    The content has three notations: ``bytes`` as on the line; ``raw``, the signed integer in the
-    data sheet (ticks, tenths of a volt); and ``value``, the quantity in the register's unit. Each
-    row equals only itself.
+    The content has three notations: ``bytes`` as transmitted; ``raw``, the signed integer in the
+    data sheet (ticks, tenths of a volt); and ``value``, the quantity in the register's unit.
+    Registers are compared by identity.
 
     Attributes:
         address: The address of the first byte.

@@ -19,11 +19,11 @@ class Unit:
     step: float | None
 
     def to_value(self, raw: int) -> float:
-        """Compute the quantity; plain numbers stay integers."""
+        """Convert a count to the quantity; a plain number stays an integer."""
         return raw if self.step is None else raw * self.step
 
     def to_raw(self, value: float) -> int:
-        """Compute the count nearest to a quantity."""
+        """Convert a quantity to the nearest count."""
         return round(value if self.step is None else value / self.step)
 
 

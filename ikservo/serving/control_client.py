@@ -4,7 +4,7 @@ A request contains no pickle, code or file name, only a command from a fixed lis
 the socket has no permissions.
 
 ``ikservo stop`` imports this module and nothing larger: no NumPy, pydantic or pyserial, because
-importing them takes longer than an arm brakes.
+importing them takes longer than braking an arm.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class StopResult:
 
     @classmethod
     def of(cls, result: object) -> StopResult:
-        """Return the outcome in the reply to a stop, without ``result_json``, which loads slowly.
+        """Read the outcome in the reply to a stop, without importing the slow ``result_json``.
 
         Raises:
             IkservoError: The reply is from another version.
@@ -197,7 +197,8 @@ def send_command(
         The result as JSON values, or None if no process listens.
 
     Raises:
-        IkservoError: The command failed there; the error has its message and exit code.
+        IkservoError: The command failed in that process; the error has the message and exit code
+            from there.
     """
     own = _request_at(socket_path(device, arm), device, command, timeout_s) if arm else None
     return own or _request_at(socket_path(device), device, command, timeout_s)

@@ -1,4 +1,4 @@
-"""The lease of control for one operator at a time, who must send messages regularly."""
+"""The control lease: one operator at a time has it, and must send messages regularly."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Holder:
 
 
 def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> bool:
-    """Check whether a message counts because it is neither old nor from the future."""
+    """Check whether a message is valid: neither too old nor from the future."""
     return -_MAX_AHEAD_S <= now_s - sent_s <= timeout_s
 
 
@@ -47,10 +47,11 @@ class ArmLease:
 
     Args:
         clock: The clock of the server.
-        timeout_s: The time for which a message counts, and a motion continues without another.
+        timeout_s: The time for which a message is valid, and a motion continues without another
+            one.
 
     Attributes:
-        timeout_s: The time-out that was given.
+        timeout_s: The dead-man time-out.
         dropped: The number of setpoints that were dropped.
     """
 
@@ -95,7 +96,7 @@ class ArmLease:
             self._moving = None
 
     def close(self) -> None:
-        """Take back the lease permanently; a motion that runs under it stays in ``moving``."""
+        """Withdraw the lease permanently; a motion that runs under it stays in ``moving``."""
         with self._lock:
             self._holder, self._closed = None, True
 
@@ -104,7 +105,8 @@ class ArmLease:
 
         Args:
             operator: The name of the operator.
-            take_over: Whether to take it from the present holder, as the pages of one person do.
+            take_over: Whether to take the lease from the present holder, as the pages of one person
+                do.
 
         Raises:
             RefusedError: Another operator controls the arm, or the lease was closed.
@@ -126,7 +128,7 @@ class ArmLease:
             return self._holder
 
     def release(self, lease: str) -> bool:
-        """Take back the lease; return whether the given lease was valid."""
+        """End the lease; return whether the given lease was valid."""
         with self._lock:
             if not self.is_held_by(lease):
                 return False

@@ -54,7 +54,7 @@ def has_mark(device: str, arm: str) -> bool:
 
 def forget_marks() -> None:
     """Ignore earlier stops for arms that this program opens next, because it knows about them."""
-    global _forgotten_s  # noqa: PLW0603  # one for the whole program, as its start
+    global _forgotten_s  # noqa: PLW0603  # one value for the whole program
     _forgotten_s = time.monotonic()
 
 
@@ -76,7 +76,7 @@ def _started_s() -> float:
 
 
 def _is_recent(at_s: float) -> bool:
-    """Check the age of a mark; a mark from before a restart of the machine may be ahead."""
+    """Check the age of a mark; a mark from before a reboot may be in the future."""
     return 0.0 <= time.monotonic() - at_s <= _MAX_AGE_S
 
 

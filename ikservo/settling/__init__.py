@@ -1,1 +1,1 @@
-"""The end of a motion, in which joints are corrected by their measured positions."""
+"""Settling: correct the goals at the end of a motion until the measured joints arrive."""

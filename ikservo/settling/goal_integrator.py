@@ -60,25 +60,26 @@ class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
-    When it has crossed the target, or is pressed away from it, one tick away counts as arrived:
-    reversing would cross its backlash and make it jump further. Each time it jumps over the target
-    again, the accepted distance doubles. While the joint moves, its goal moves back, against its
-    speed, so that the jump is short. A joint that swings is softened until it rests
-    (``SwingDamper``), and then corrected slowly; if that starts swings repeatedly, its goal stays.
+    When the joint has crossed the target, or is pressed away from it, an error of one tick counts
+    as arrived: reversing would cross the backlash and make the joint jump further. Each time it
+    jumps over the target again, the accepted error doubles. While the joint moves, its goal moves
+    back, against its speed, so that the jump is short. The servo of a joint that swings is softened
+    until the joint rests (``SwingDamper``); the joint is then corrected slowly. If this starts
+    swings repeatedly, the goal stays.
 
     Args:
         driven: The joint with its servo and limits.
         goal: The goal, ticks.
         target: The target of the joint, ticks; None if it only has to come to rest.
         acceleration: The largest change of the goal's speed, ticks/s².
-        stuck: Leads over the joint between which friction is expected to keep it, ticks; the goal
-            crosses them fast. The same number twice if unknown.
+        stuck: Lowest and highest lead at which friction is expected to hold the joint, ticks; the
+            goal crosses this range fast. Two equal numbers if unknown.
 
     Attributes:
         goal: The goal of a joint at rest, ticks with fraction.
         at: The last measured position, ticks.
         still_since_s: Time since which the joint is within sensor noise of its position.
-        moved_s: Time of the last change of position, except back by noise.
+        moved_s: Time of the last change of position, without changes back due to noise.
     """
 
     def __init__(
@@ -133,7 +134,7 @@ class GoalIntegrator:
         return self._swing.ticks
 
     def has_swung_at(self, time_s: float) -> bool:
-        """Check whether the joint has swung for so long that it is left swinging."""
+        """Check whether the joint has swung for so long that settling no longer waits for it."""
         return self._swing.has_swung_at(time_s)
 
     @property
@@ -151,7 +152,7 @@ class GoalIntegrator:
         return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
     def moves_at(self, time_s: float) -> bool:
-        """Check whether the joint is not at rest at the time of the last update.
+        """Check whether the joint was moving at the time of the last update.
 
         A joint that friction has just released may not yet have moved further than noise.
         """
@@ -211,7 +212,7 @@ class GoalIntegrator:
 
     @property
     def _along(self) -> float:
-        """Displacement of the goal with a swing; 0 for a joint that only has to come to rest."""
+        """Displacement of the goal along with a swing; 0 if the joint only has to come to rest."""
         return 0.0 if self.target is None else self._swing.goal_ticks
 
     def _inside(self, goal: float) -> float:

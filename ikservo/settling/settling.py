@@ -180,7 +180,7 @@ class SettlingResult:
     Attributes:
         measured: The joints (n,), rad or m.
         residuals: The joints that did not arrive, with distance and reason.
-        motion_s: The duration of the motion up to its planned end, with the preload before it.
+        motion_s: The duration of the motion up to its planned end, including the preload.
         settling_s: The duration of settling after that.
         unsettled: The joints that still move by more than their backlash explains.
     """
@@ -273,8 +273,8 @@ def settle_at(
 def lift_to_start(context: ArmContext, loop: ControlLoop, start: Vector, horn_rad_s: float) -> None:
     """Bring a sagged arm back to ``start`` (n,), where the tip will start to follow a path.
 
-    A limp arm sags as its torque comes on; its goals are at ``start``. A joint motion may begin
-    by lifting the arm, but a line would begin off its path.
+    A limp arm sags when its torque is switched on, although its goals are at ``start``. A joint
+    motion may begin by lifting the arm, but a line would begin off its path.
 
     Args:
         context: The arm, in a motion.

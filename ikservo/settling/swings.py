@@ -89,7 +89,7 @@ class SwingDamper:
             self._share = min(self._share + elapsed_s / _SOFTEN_S, 1.0)
 
     def _turn_round(self, tick: int) -> None:
-        """Count a reversal of the joint, which is at a tick in its new direction."""
+        """Count a reversal of the joint; ``tick`` is its first position in the new direction."""
         self._has_turned = True
         self.ticks = abs(self._extreme - self._turn)
         is_sure = self.steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
@@ -107,11 +107,11 @@ class SwingDamper:
         return self._has_turned and min(still_s, self.steady_s) < _AT_REST_S
 
     def has_swung_at(self, time_s: float) -> bool:
-        """Check whether the joint has swung for so long that it is left swinging."""
+        """Check whether the joint has swung for so long that settling no longer waits for it."""
         return time_s - self._since_s >= _MAX_SWING_S
 
     def rest(self) -> None:
-        """Forget the swing when the joint rests and is corrected again."""
+        """Reset the counts of a swing when the joint rests and is corrected again."""
         self.rests += 1
         self._turn = self._extreme = self._at
         self._turns = self._share = 0.0
@@ -119,7 +119,7 @@ class SwingDamper:
 
 
 class MotionSwings:
-    """Finds joints that swing during motion: feedback does not reach a link inside its backlash.
+    """Finds joints that swing inside their backlash during motion, where feedback has no effect.
 
     A lagging joint changes sides whenever its reference reverses. That is not a swing, so the count
     of its reversals then restarts.

@@ -1,4 +1,4 @@
-"""Round goals to whole ticks for the best tool position, and approach against backlash."""
+"""Round goals to whole ticks for the best tool position, and approach them from one side."""
 
 from __future__ import annotations
 
@@ -235,7 +235,7 @@ class SettlingTarget:
     def is_reached(self, measured: Vector) -> bool:
         """Check whether the tool is at its target according to the joints' sensors.
 
-        The result is always False for a joint motion, because these have their own targets.
+        The result is always False for a joint motion, because its joints have their own targets.
 
         Args:
             measured: All joints (n,), rad or m.

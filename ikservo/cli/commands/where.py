@@ -268,7 +268,7 @@ def limit_colour(state: JointState, unit: str) -> str:
 
 
 def position_bar(position: float, lower: float, upper: float, length: int) -> str:
-    """Return ``├────●────┤``: a position between two limits."""
+    """Draw a position between two limits as ``├────●────┤``."""
     fraction = (position - lower) / (upper - lower) if math.isfinite(upper - lower) else 0.5
     at = min(max(round(fraction * (length - 1)), 0), length - 1)
     return f"├{'─' * at}●{'─' * (length - 1 - at)}┤"

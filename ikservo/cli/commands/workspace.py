@@ -204,7 +204,7 @@ def command(
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
     """
-    from ikservo.arm.opening import make_collision_filter  # noqa: PLC0415  # brings the servos along
+    from ikservo.arm.opening import make_collision_filter  # noqa: PLC0415  # loads servo modules
 
     slicing.check()
     if plot is not None:

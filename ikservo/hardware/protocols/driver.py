@@ -19,7 +19,7 @@ class BroadcastPingResult:
     """The replies to a broadcast ping.
 
     Attributes:
-        replies: All replies by id; two replies from one id are two servos, or one reply doubled.
+        replies: All replies by id; two replies from one id mean two servos, or a doubled reply.
         junk: Bytes that belong to no reply: noise, or several servos sending at once.
     """
 
@@ -71,15 +71,15 @@ def _scan_replies(exchange: Transceiver, raw: bytearray, size: int, *, final: bo
 
 
 class ProtocolDriver(Protocol):
-    """One protocol on one port.
+    """Driver of one protocol on one port.
 
-    Addresses and bytes go in, replies come out. A servo that does not reply is a ``ReplyFault``
-    among the replies; only a lost port raises.
+    Methods take addresses and bytes, and return replies. A servo that does not reply is a
+    ``ReplyFault`` among the replies; only a lost port raises.
     """
 
     @property
     def transceiver(self) -> Transceiver:
-        """The transceiver that sends requests and reads replies; it knows the return delay."""
+        """The transceiver that sends requests and reads replies; it stores the return delay."""
         ...
 
     def set_return_delay(self, return_delay_s: float) -> None:

@@ -43,7 +43,7 @@ def _packet_sender() -> SendPacket:
 
 
 class _FeetechCodec(Protocol1Codec):
-    """Codec of Feetech servos: the error byte reports alarms; data beside it are valid."""
+    """Codec of Feetech servos: the error byte reports alarms; the data stay valid."""
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
         if len(frame.data) == size:

@@ -34,7 +34,7 @@ def checksum(body: bytes) -> int:
 
 
 def parse_in_order(data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-    """Parse the replies, if the bytes are those of healthy servos in order and nothing else."""
+    """Parse the bytes if they are exactly the expected replies, without errors and in order."""
     replies: dict[int, Reply] = {}
     at = 0
     for servo_id, size in sizes.items():
@@ -86,8 +86,8 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
 def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
     """Check whether an expected packet begins inside this one and ends after it.
 
-    In that case it is the beginning of a truncated packet, followed by the next one: one checksum
-    in 256 is right by chance.
+    Such a packet consists of a truncated packet and the beginning of the next one: one checksum in
+    256 is right by chance.
     """
     inner = data.find(_HEADER, at + 1, end + 1)
     while inner >= 0:
@@ -148,7 +148,7 @@ class Protocol1Codec:
         return scan_packets(data, tuple(sizes), final=final)
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Parse the replies, if the bytes are those of healthy servos in order, nothing else."""
+        """Parse the bytes if they are exactly the expected replies, without errors and in order."""
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
@@ -157,7 +157,7 @@ class Protocol1Codec:
 
 
 class Protocol1Driver:
-    """Driver base with the instructions that both families support.
+    """Base of the drivers for protocol 1.0, with the instructions that all families support.
 
     Args:
         port: The port.

@@ -66,13 +66,13 @@ _CRCS = tuple(map(_byte_crc, range(256)))
 
 @cache
 def _word_crc_table() -> Sequence[int]:
-    """Compute the CRC of every pair of bytes, for one lookup per pair, when it is first needed."""
+    """Compute the CRC of every pair of bytes on first use, so that each pair takes one lookup."""
     with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
     return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
 
 def crc(start: int, packet: Sequence[int], count: int) -> int:
-    """Compute the CRC-16 of a packet's first bytes: highest bit first, nothing reflected."""
+    """Compute the CRC-16 of a packet's first bytes: highest bit first, not reflected."""
     value, crcs = start, _word_crc_table()
     words = unpack(f">{count // 2}H", bytes(packet[: count & ~1]))
     for word in cast("Sequence[int]", words):
@@ -121,7 +121,7 @@ class Protocol2Codec:
         return ScanResult(tuple(frames), 0, junk)
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Parse the replies, if the bytes are those of healthy servos in order, nothing else."""
+        """Parse the bytes if they are exactly the expected replies, without errors and in order."""
         replies: dict[int, Reply] = {}
         at = 0
         for servo_id, size in sizes.items():
@@ -154,7 +154,7 @@ class Protocol2Codec:
         return Status(frame.servo_id, frame.data, alert)
 
     def _packet_length(self, data: bytes, at: int) -> int:
-        """Compute the length of the packet that begins here; 0 if none, large if unknown."""
+        """Compute the length of the packet that begins here; 0 if none does, large if unknown."""
         start = data[at : at + _INSIDE]
         if start[:4] != _HEADER[: len(start)]:
             return 0
@@ -173,7 +173,8 @@ class Protocol2Codec:
             return False
         if len(start) >= _INSIDE:
             count = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            # Stuffing adds at most one byte to every three, of which the header may begin before.
+            # Stuffing adds at most one byte to every three; the first three may begin before the
+            # data.
             if count != 0 and not any(
                 size <= count <= size + (size + 1) // 3 + 1 for size in sizes
             ):
@@ -185,7 +186,7 @@ class Protocol2Codec:
 
 
 class FastSyncCodec(Protocol2Codec):
-    """Codec of a fast sync read's packet: never stuffed, with the first servo's error byte."""
+    """Codec of the fast sync read packet: not stuffed, with the first servo's error byte."""
 
     highest_id = 0xFE
 
@@ -204,7 +205,7 @@ class FastSyncCodec(Protocol2Codec):
         return inside
 
 
-# The camelCase names are the SDK's, which calls them.
+# The SDK calls these methods by their camelCase names.
 # ruff: noqa: N802
 class FixedPacketHandler(Protocol2PacketHandler):
     """The SDK's packet handler with correct stuffing (D1, D2)."""
@@ -235,10 +236,10 @@ def fast_sync_size(count: int, size: int) -> int:
 
 
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
-    """Split the combined packet into replies; return none if servos or order are not as requested.
+    """Split the combined packet into replies; empty if servos or order are not as requested.
 
     Args:
-        data: From the first ERR to the last data byte; one checksum covers all of it.
+        data: Bytes from the first ERR to the last data byte, which one checksum covers.
         servo_ids: The requested servos, in order.
         size: Bytes of each servo's data.
     """

@@ -25,7 +25,7 @@ _NOTHING = ScanResult((), 0, 0)
 
 
 class ReplyReader:
-    """The bytes received since the latest request, and their replies.
+    """The bytes received since the latest request, and the replies found in them.
 
     Args:
         port: The port; the request has just been sent.
@@ -41,7 +41,7 @@ class ReplyReader:
         self._replies: dict[int, Reply] = {}
 
     def read_replies(self, delays_s: float) -> dict[int, Reply]:
-        """Receive until all servos have replied, or no more reply can come.
+        """Receive until all servos have replied, or no further reply can arrive.
 
         Args:
             delays_s: Sum of the servos' return delays, seconds.
@@ -64,7 +64,7 @@ class ReplyReader:
         return self._read_remaining(chunk, due_s)
 
     def _read_remaining(self, chunk: bytes, due_s: float) -> dict[int, Reply]:
-        """Continue until all replies are complete, or no missing one can come any more."""
+        """Continue until all replies are complete, or no missing one can arrive any more."""
         port, timeout_s = self._port, self._port.reply_timeout.timeout_s
         last, frame_size = next(reversed(self._sizes)), self._codec.frame_size
         deadline_s, limit_s = due_s + timeout_s, due_s + (1 + _MAX_WAITS) * timeout_s
@@ -133,7 +133,7 @@ class ReplyReader:
         return self._port.pending.pending_until_s((reply.servo_id,), now_s) is not None
 
     def _prefer_data(self, first: Reply, second: Reply) -> Reply:
-        """Return the reply with data instead of a refusal; a fault if two data differ."""
+        """Return the reply that has data; a fault if both have data, because the two differ."""
         if isinstance(first, ReplyFault):
             return second
         if isinstance(second, ReplyFault):
@@ -200,8 +200,8 @@ class Transceiver:
     ) -> MemoryRange:
         """Choose the best window for reading a span now.
 
-        It is the span itself unless a reply of that length is still pending from one of the servos;
-        see ``PendingReplies``. If replies of every length are pending, it waits for them.
+        The window is the span itself unless a reply of that length is still pending from one of the
+        servos; see ``PendingReplies``. If replies of every length are pending, this method waits.
         """
         port = self.port
         find = port.pending.distinct_window
@@ -211,7 +211,7 @@ class Transceiver:
         return found or span
 
     def wait_for_pending(self, servo_ids: tuple[int, ...]) -> None:
-        """Wait until no older reply of these servos can come any more."""
+        """Wait until no older reply of these servos can arrive any more."""
         port = self.port
         quiet_s = port.pending.clear_from_s(servo_ids, port.clock.now_s(), port.health)
         port.clock.sleep_until(quiet_s)
@@ -307,11 +307,11 @@ _MAX_CACHED = 64  # more than a program repeats; a faulty line must not fill the
 _SHORT_WRITE = 1  # any code but 0; ``send`` raises PortLostError for it
 
 CacheKey = tuple[int, int, bytes]
-"""Id, instruction, parameters."""
+"""Id, instruction and parameters of a packet."""
 
 
 class RepeatedPackets:
-    """Packets that the SDK has built once and a program repeats, because they carry no values.
+    """Cache of packets without values, which the SDK builds once and a program repeats.
 
     Args:
         port: The port.
@@ -323,7 +323,7 @@ class RepeatedPackets:
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, key: CacheKey) -> int | None:
-        """Clear the input and send a recorded packet; return the result code, None if it is new."""
+        """Clear the input and send a recorded packet; return the result code; None if unknown."""
         packet = self._packets.get(key)
         if packet is None:
             return None
