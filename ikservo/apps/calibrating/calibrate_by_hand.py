@@ -1,4 +1,4 @@
-"""``ikservo calibrate`` by hand: its options, and its output besides the dialogue."""
+"""``ikservo calibrate`` by hand: options and output; the dialogue has its own module."""
 
 from __future__ import annotations
 

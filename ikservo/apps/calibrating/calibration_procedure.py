@@ -22,7 +22,7 @@ from ikservo.maintenance.dialogue import JointProgress, JointReadout
 # Fraction of a revolution; a joint with a wider range in the arm file has no stops.
 _MAX_WIDTH_RATIO = 300 / 360
 _ALMOST_FULL_TURN = 2 / 360
-_COMPLETE = 0.8  # of the arm file's range
+_COMPLETE = 0.8  # fraction of the arm file's range from which a range counts as complete
 _MIRRORED_RAD = math.radians(30.0)
 _SHADOW_TICKS = 40
 
@@ -148,7 +148,7 @@ def _format_expected_range(subject: JointUnderCalibration) -> str:
 
 MARGIN_RAD = math.radians(2.0)
 
-_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; closer than that has returned
+_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; a closer joint has returned
 
 
 class CalibrationStage(StrEnum):
