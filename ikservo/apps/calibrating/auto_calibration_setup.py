@@ -45,7 +45,7 @@ from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
 SEARCH_MARGIN_RAD = math.radians(20.0)
-"""How far a joint may search beyond its expected end, angle of the horn."""
+"""Largest search of a joint beyond its expected end, angle of the horn."""
 
 _MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution; a joint with a wider range is not searched
 _SPEED_MARGIN = 1.2
@@ -318,7 +318,7 @@ class _JointSearch:
 
     @property
     def clear_travel(self) -> float:
-        """How far the joint can travel before it may touch its neighbour."""
+        """The travel before the joint may touch its neighbour."""
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
     def start_posture(self, posture: Vector) -> Vector:

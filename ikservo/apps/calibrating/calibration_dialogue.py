@@ -302,8 +302,8 @@ def _direction_request(
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (
-        f"{subject.name}: sign is opposite to the arm file. Was it first moved the wrong way? "
-        "Move it back to where it was."
+        f"{subject.name}: its sign is opposite to that in the arm file. Was it first moved the "
+        "wrong way? Move it back to where it was."
     )
 
 
@@ -401,7 +401,7 @@ def check_zeros(
     question = f'Was {names} exactly as in the pose "{pose}" at step 1?'
     if (yield Question(question, Unasked.NO, CalibrationStage.REVIEW)) != ACCEPT:
         raise CalibrationError(
-            f'The arm was not in the pose "{pose}": zero of {names} not plausible. '
+            f'The arm was not in the pose "{pose}": the zero of {names} is not plausible. '
             "Nothing was saved.",
             f"Calibrate again from the exact pose: ikservo calibrate {arm} --pose {pose}",
         )
