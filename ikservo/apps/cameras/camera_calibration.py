@@ -389,7 +389,7 @@ class CameraCalibration:
         return picture
 
     def _keep(self, picture: Picture) -> None:
-        """Keep the view of the board in a picture with the measured joints.
+        """Store the view of the board in a picture with the measured joints.
 
         Raises:
             CalibrationError: The board is not seen.
