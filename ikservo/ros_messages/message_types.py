@@ -78,5 +78,5 @@ def definition(kind: str) -> str:
 
 @cache
 def type_hash(kind: str) -> str:
-    """Return the hash of a type by REP 2016, ``RIHS01_`` and 64 hexadecimal digits."""
+    """Return the hash of a type according to REP 2016: ``RIHS01_`` and 64 hexadecimal digits."""
     return _store().hash_rihs01(kind)

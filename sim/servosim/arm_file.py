@@ -20,7 +20,7 @@ class ServoEntry:
     Attributes:
         id: The id on the bus.
         model: The model in the datasheet.
-        sign: Direction of growing ticks in the joint's coordinate.
+        sign: +1 if ticks increase with the joint coordinate, -1 if they decrease.
         zero_tick: Reported tick at joint zero.
         transmission: Transmission between its horn and the joint.
         eeprom: Register values that differ from the factory settings.
@@ -54,7 +54,7 @@ class SimulatedArmFile:
         family: Servo family of the bus.
         baud: Rate of the bus.
         supply_v: Supply voltage, which selects the variant of a servo model; None uses the variant
-            that the model's name says.
+            that the model's name gives.
         joints: Joints from base to tip.
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from servosim.stage import Stage
 
 PIXELS_PER_SQUARE = 40  # resolution of the board's picture
-MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # around its visible outline: pixels, fraction of the outline
+MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # margin around the board in pixels, and as a fraction of it
 IN_FRONT_M = 0.002  # smallest distance by which something hides the board
 BACKGROUND = 150.0  # grey value of the background
 

@@ -25,7 +25,7 @@ class Clock(Protocol):
 
 
 class VirtualClock:
-    """Time that advances only by waiting; waiting costs nothing.
+    """Virtual time, which advances only when somebody waits; waiting takes no real time.
 
     ``on_advance`` is called with each new time, for the world on this clock.
     """

@@ -13,12 +13,12 @@ from servosim.urdf import BoxShape, Matrix, MovingJoint
 # Fractions of the impulses that would end an overlap, and its growth, in one interval. They make
 # the contact soft.
 _STIFFNESS, _DAMPING = 0.05, 1.0
-# The force does not increase beyond this depth, because an arm so deep was placed there.
+# The force does not increase beyond this depth, because an arm that deep was placed there.
 _MAX_DEPTH_M = 0.006
 # Largest change of speed by a contact within an interval. Contradictory contacts, in a posture in
 # which no arm can lie, would otherwise add energy to each other.
 _MAX_PUSH_M_S = 1.0
-# Limp joints can hardly end a contact this near to their axes. This lever keeps the force finite.
+# Joints without torque hardly end a contact this near their axes; this keeps the force finite.
 _MIN_LEVER_M = 0.03
 _HELD = 1e9  # inertia of a joint that a servo holds: kg m², or kg
 _TABLE = -1
@@ -247,7 +247,7 @@ def _normal_velocity(
 ) -> float:
     """Compute the speed of a point along a normal per speed of a joint.
 
-    Plain numbers, because arrays are slower for three of them.
+    It uses plain numbers, because arrays of three elements are slower.
     """
     (_, _, x, at_x), (_, _, y, at_y), (_, _, z, at_z), _ = frame
     if not sliding:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 
 class ProfileSegment(NamedTuple):
-    """A stretch of time with constant acceleration."""
+    """A time interval with constant acceleration."""
 
     duration_s: float
     velocity_rad_s: float  # at its start
@@ -22,9 +22,9 @@ def trapezoid(
 ) -> list[ProfileSegment]:
     """Plan from the present velocity to rest at a distance, as fast as the limits allow.
 
-    The velocity is continuous whatever it was when the goal changed: a goal too near to stop at is
-    overrun, and the motion reverses. Both sides of the trapezoid have the same slope (Dynamixel
-    e-manual, "Profile Velocity", Feetech "acceleration" and "goal speed").
+    The velocity is continuous when the goal changes: a goal that is too near to stop at is overrun,
+    and the motion reverses. Both sides of the trapezoid have the same slope (Dynamixel e-manual,
+    "Profile Velocity", Feetech "acceleration" and "goal speed").
 
     Args:
         distance_rad: Signed distance to the goal.
@@ -182,7 +182,7 @@ class DriveCommand:
         goal_rad: Goal of POSITION and CURRENT_POSITION.
         goal_velocity_rad_s: Goal of VELOCITY.
         goal_pwm: Goal of PWM, -1..1.
-        goal_current_a: Goal of CURRENT; its size is the limit of CURRENT_POSITION.
+        goal_current_a: Goal of CURRENT; its magnitude is the limit of CURRENT_POSITION.
         velocity_limit_rad_s: The profile's cruising speed; 0 = unlimited.
         acceleration_rad_s2: The profile's acceleration, also of VELOCITY; 0 = at once.
         profile_time_s: Time-based profile: from start to rest; 0 = use the two limits above.
@@ -190,7 +190,7 @@ class DriveCommand:
         kp: Position gain [1/rad].
         ki: Position gain [1/(rad s)].
         kd: Position gain [s/rad].
-        integral_limit: Largest size of the integral's part of the duty, 0..1.
+        integral_limit: Largest magnitude of the integral's part of the duty, 0..1.
         velocity_kp: Velocity gain [s/rad].
         velocity_ki: Velocity gain [1/rad].
         velocity_feed_forward: Duty per rad/s of the reference [s/rad].
@@ -236,7 +236,7 @@ class DriveCommand:
     moving_threshold_rad_s: float = 0.24
 
 
-PROTECTED_SHARE = 0.25  # scope, motor uncoupled: 0.041 instead of 0.165 duty/(P rad) from 100°
+PROTECTED_SHARE = 0.25  # scope, no motor connected: 0.041 instead of 0.165 duty/(P rad) from 100°
 RELEASED: tuple[object, ...] = (None,)
 # A module's names are looked up fast; a member of an Enum takes half a microsecond (Python 3.11).
 POSITION, VELOCITY, PWM = ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM

@@ -15,7 +15,7 @@ from servosim.urdf import Matrix
 
 MAX_SWEEPS = 30
 NO_HANDS: Mapping[int, Hand] = MappingProxyType({})
-EXACT_RAD_S = 2e-4  # the iteration ends when a sweep changes no velocity by more
+EXACT_RAD_S = 2e-4  # the iteration ends when a sweep changes no velocity by more than this
 
 
 class CoupledJoints:
@@ -25,7 +25,7 @@ class CoupledJoints:
     and all damping taken implicitly, under the load of the others' accelerations; the solutions are
     repeated in turn until they agree (projected Gauss-Seidel, as for contacts with friction: Jean
     1999, "The non-smooth contact dynamics method"). The matrix is symmetric and positive definite,
-    so they converge; they begin with the accelerations of the previous step, which are near.
+    so the iteration converges. It begins with the accelerations of the previous step.
 
     Args:
         joints: The joints in the order of the mass matrix.

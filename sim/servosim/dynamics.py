@@ -15,7 +15,7 @@ from servosim.mass_tree import LocalDynamics, MassTree, MimicDrive
 from servosim.specimen import Specimen
 from servosim.urdf import Matrix, MovingJoint, read_joints, read_link_frame, read_shapes
 
-NEAR_M = 1e-5  # near enough: a servo's tick moves the tip ten times as far
+NEAR_M = 1e-5  # tolerance of the tip; a servo's tick moves the tip ten times as far
 ITERATIONS = 200
 DAMPING_M = 0.01  # damping of least squares: keeps steps short near singularities
 LONGEST_STEP = 0.2  # rad, or m: slopes are not valid further away

@@ -146,7 +146,7 @@ class Dynamixel1(Servo):
         return not self.is_goal_allowed(value)
 
     def inject_alarm(self, bits: int) -> None:
-        """Raise alarm bits without a cause, or take them back."""
+        """Raise alarm bits without a cause, or clear them."""
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
@@ -239,7 +239,7 @@ class Dynamixel1(Servo):
             drive.kd = unit * get("d_gain") * 4 / 1000
             return
         drive.dead_zone_rad = get("cw_compliance_margin") * SLOPE_RAD
-        slope = get("cw_compliance_slope")  # the largest power of two up to it acts, at least 2
+        slope = get("cw_compliance_slope")  # rounded down to a power of two, at least 2
         steps = max(2, 1 << slope.bit_length() - 1) if slope else 2
         drive.kp = 1.0 / (steps * SLOPE_RAD)
 

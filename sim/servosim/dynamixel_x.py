@@ -98,7 +98,7 @@ class DriveMapper:
 
 
 def live_registers(servo: SimulatedDynamixelX) -> dict[str, Callable[[], int]]:
-    """Compute the getter of each measured register."""
+    """Return the getter of each measured register."""
     motor = servo.motor
     stall_nm, unit_a = motor.parameters.stall_torque_nm, servo.orders.current_unit_a
 
@@ -340,7 +340,7 @@ class SimulatedDynamixelX(Servo):
         self.reset_goals_to_present()
 
     def set_torque(self) -> None:
-        """Apply a write to torque enable; in position mode it starts at a single turn again."""
+        """Apply a write to torque enable; in position mode, this resets positions to one turn."""
         on = bool(self.memory.get("torque_enable"))
         if on and not self.drive.torque_on and self.mode == 3:
             self.reset_turns()

@@ -123,7 +123,7 @@ class AccessRules:
         return None
 
     def _accepts(self, row: SimulatedRegister, value: int) -> bool:
-        """Check whether a value is in its register's range, which other registers may set."""
+        """Check whether a value is in its register's range, which may depend on other registers."""
         get, name = self.memory.get, row.name
         if name == "operating_mode":
             return value in self._modes
@@ -165,7 +165,7 @@ class DynamixelXProtections:
         self._injected = 0
 
     def raise_alarm(self, bits: int) -> None:
-        """Set hardware error bits; those in the shutdown register drop the torque."""
+        """Set hardware error bits; those in the shutdown register switch torque off."""
         servo = self.servo
         servo.memory.put("hardware_error_status", servo.memory.get("hardware_error_status") | bits)
         if bits & servo.memory.get("shutdown"):

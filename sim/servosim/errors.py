@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class SimulatorError(ValueError):
-    """Base class of errors in the set-up of a simulated bus, whose input cannot be used."""
+    """Base class of errors about input that cannot be used to set up a simulated bus."""
 
 
 class ArmFileError(SimulatorError):

@@ -296,7 +296,7 @@ REPLY_FAULTS: dict[str, Callable[[bytes, Fault, Random], list[Arrival]]] = {
 
 @dataclass(slots=True)
 class _ActiveFault:
-    """A fault of replies or instructions, and how often it was applied."""
+    """A fault of replies or instructions, and the number of times that it was applied."""
 
     fault: Fault
     strikes: int = 0

@@ -1,4 +1,4 @@
-"""Feetech firmware: clipping, lock, alarms, protections; the series differ in a part of it."""
+"""Feetech firmware: clipping, lock, alarms, protections; the series differ in parts of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 
 
 class FeetechProtections(AlarmBits):
-    """Protections of one servo; bits clear with their causes, an overload with new torque."""
+    """Protections of one servo; bits clear with their causes, overloads when torque is enabled."""
 
     def __init__(self, servo: Servo) -> None:
         super().__init__()
@@ -324,7 +324,7 @@ class Feetech(Servo):
         self.series.set_goal()
 
     def set_gains(self) -> None:
-        """Apply the gains in SI."""
+        """Apply the gains in SI units."""
         drive, get = self.drive, self.memory.get
         kp, kd, ki = (get(name) if name in self.table.by_name else 0 for name in self._gains)
         drive.kp = kp * self.kp_per_gain

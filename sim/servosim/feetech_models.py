@@ -181,7 +181,7 @@ class StsSeries(FeetechSeries):
     # Tables of measured registers and of write effects.
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Compute the getter of each measured register of the series."""
+        """Return the getter of each measured register of the series."""
         motor, sign = self.motor, self.shaft.sign
         return {
             "present_speed": lambda: round(sign * motor.velocity_rad_s / self.speed_unit_rad_s),
@@ -234,7 +234,7 @@ class ScsSeries(FeetechSeries):
         drive.goal_rad = self.angle_at(servo.clamped_goal())
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Compute the getter of each measured register of the series."""
+        """Return the getter of each measured register of the series."""
         motor, shaft = self.servo.motor, self.servo.shaft
         return {
             "present_speed": lambda: round(shaft.sign * motor.velocity_rad_s / shaft.rad_per_tick),

@@ -41,7 +41,7 @@ class FrameReader:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Take bytes in; return the frames they complete, in order."""
+        """Add bytes; return the frames that they complete, in order."""
         before = len(self._buffer)
         self._buffer += data
         frames: list[Frame] = []
@@ -182,7 +182,7 @@ def encode2(id_: int, instruction: int, params: bytes = b"") -> bytes:
 
 @lru_cache(maxsize=1024)
 def _head(id_: int, length: int) -> tuple[bytes, int]:
-    """Compute a frame's first bytes and their CRC; cached, as most frames begin alike."""
+    """Compute a frame's first bytes and their CRC; cached, because most frames begin alike."""
     head = HEADER + bytes((id_, length & 0xFF, length >> 8))
     return head, crc16(head)
 

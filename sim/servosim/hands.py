@@ -165,7 +165,7 @@ def _joint_travel(world: World, name: str) -> tuple[float, float]:
 
 
 def _reflect_path(path: Path, ends: float) -> Path:
-    """Return a path with its two ends exchanged; their sum is given."""
+    """Return the mirrored path; ``ends`` is the sum of its two ends."""
 
     def reflected(time_s: float) -> tuple[float, float]:
         position, velocity = path(time_s)

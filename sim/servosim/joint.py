@@ -35,7 +35,7 @@ class Transmission(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """A horn on the joint itself, a gear, or a rack: the same ratio everywhere.
+    """A horn on the joint itself, a gear, or a rack, with a constant ratio.
 
     Attributes:
         per_rad: Joint motion per radian of the horn, rad or m.
@@ -62,8 +62,8 @@ class Ratio:
 class CrankAndRod:
     """A crank that pushes a slider by a rod: `x = r cos φ + sqrt(l² - r² sin² φ)`.
 
-    φ decreases from its angle at joint zero, so that a growing angle pushes outwards; near its dead
-    centres the slider hardly moves.
+    φ decreases from its angle at joint zero, so that a growing horn angle pushes outwards. Near its
+    dead centres, the slider hardly moves.
 
     Attributes:
         radius_m: Distance from the horn's axis to the pin.
@@ -85,7 +85,7 @@ class CrankAndRod:
         return self._slide_position(self.zero_rad - horn_rad) - self._slide_position(self.zero_rad)
 
     def horn_rad(self, position: float) -> float:
-        """Compute the rotation of the horn; out of reach, that with the slider nearest."""
+        """Compute the rotation of the horn; out of reach, of the nearest slider position."""
         x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
         x = min(rod + r, max(rod - r, x))
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
@@ -115,17 +115,17 @@ STIFFNESS_RAD_S = 150.0  # natural frequency of the grip; stable at steps of 2 m
 
 
 def hold(position: float) -> Path:
-    """Stay at a position (rad, or m for a prismatic joint)."""
+    """Return a path that stays at a position (rad, or m for a prismatic joint)."""
     return lambda _: (position, 0.0)
 
 
 def push(direction: float) -> Path:
-    """Push with the hand's full force towards the sign of `direction`, at any position."""
+    """Return a path that pushes with full force in a direction, given by its sign."""
     return hold(math.copysign(math.inf, direction))
 
 
 def glide(start: float, end: float, speed: float) -> Path:
-    """Move from `start` to `end` at a constant speed and stay there."""
+    """Return a path from `start` to `end` at a constant speed, which then stays there."""
     duration_s = abs(end - start) / speed
     velocity = math.copysign(speed, end - start)
 
@@ -138,7 +138,7 @@ def glide(start: float, end: float, speed: float) -> Path:
 
 
 def sweep(start: float, lower: float, upper: float, speed: float) -> Path:
-    """Move back and forth between two positions forever, upwards first."""
+    """Return a path back and forth between two positions forever, upwards first."""
     span = upper - lower
 
     def path(time_s: float) -> tuple[float, float]:
@@ -191,7 +191,7 @@ class Hand:
             self.resting = self.damping * speed
 
     def force_at(self, velocity: float) -> float:
-        """Compute its force on the joint at a velocity; also kept as `force`."""
+        """Compute the hand's force on the joint at a velocity, and store it as `force`."""
         desired = self.resting - self.damping * velocity
         self.force = min(self.limit, max(-self.limit, desired))
         return self.force
@@ -208,7 +208,7 @@ class SimulatedJoint:
 
     Attributes:
         name: The joint's name in the body.
-        servos: The servos; the first carries all others.
+        servos: The servos; the others take over the state of the first one.
         transmission: Transmission between their horns and the joint.
     """
 
@@ -254,7 +254,7 @@ class SimulatedJoint:
 
     @property
     def is_free(self) -> bool:
-        """Whether no servo holds it."""
+        """Whether no servo holds the joint."""
         if len(self.servos) == 1:  # called very often while an arm moves
             return not self.servos[0].drive.torque_on
         return not any(servo.drive.torque_on for servo in self.servos)

@@ -32,7 +32,7 @@ FRAME_BITS = 10  # start bit, eight data bits, stop bit
 def resolve_collision(
     speeches: Sequence[tuple[float, bytes]], byte_s: float
 ) -> tuple[float, bytes]:
-    """Return the bytes that a receiver reads from overlapping bytes on a line where low wins.
+    """Return the bytes that a UART reads from overlapping bytes on a line where low dominates.
 
     Args:
         speeches: Start [s] and bytes of each transmission.
@@ -86,7 +86,7 @@ def _decode_levels(levels: Sequence[bool]) -> bytes:
 
 
 BITS_PER_BYTE = 10
-PING_PACKET = 14  # bytes of the longest ping status, a slot of the broadcast ping
+PING_PACKET = 14  # bytes of the longest ping status, which is a slot of the broadcast ping
 PING_PAUSE_S = 0.0005  # assumed pause between two slots
 FRAME_TIMEOUT_S = 0.0005  # assumed extra wait of the next servo in a sync read
 ROUNDING_S = 1e-9
@@ -143,7 +143,7 @@ class _Delivery:
 
 
 class Line:
-    """The wire between a host's adapter and its servos, in the time of its caller.
+    """The wire between a host's adapter and its servos, in the caller's time.
 
     The owner of a clock calls ``host_write`` when the host writes and ``run_until`` when time has
     passed; replies collect in ``inbox`` with their arrival times, and ``host_end_s`` is when the
@@ -203,7 +203,7 @@ class Line:
         return self._due[0][0] if self._due else None
 
     def set_baud(self, baud: int) -> None:
-        """Set the host's rate; servos at another rate receive noise, no frames."""
+        """Set the host's rate; servos at another rate receive noise instead of frames."""
         if baud != self.baud:
             self.baud = baud
             self._reset_partial_frames()

@@ -18,7 +18,7 @@ _CROSS[0, [7, 5]] = _CROSS[1, [2, 6]] = _CROSS[2, [3, 1]] = 1.0, -1.0
 
 
 class MimicDrive(NamedTuple):
-    """The driver of a joint: `q = multiplier * positions[driver] + offset`; -1 is no driver."""
+    """The driver of a joint: `q = multiplier * positions[driver] + offset`; -1: no driver."""
 
     driver: int
     multiplier: float

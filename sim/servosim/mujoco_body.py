@@ -154,7 +154,7 @@ class MujocoBody:
         return not bool((np.abs(self._data.qvel[self._cube_speeds]) > AT_REST_M_S).any())
 
     def cube_poses(self) -> list[Array]:
-        """Return the poses of the cubes (4, 4), base frame, with the origins in their middles."""
+        """Return the poses of the cubes (4, 4), base frame, with the origins at their centres."""
         poses: list[Array] = []
         for k in self._cubes:
             T = np.eye(4)
@@ -194,7 +194,7 @@ def _compile_model(
 
 
 def _add_cube(spec: mujoco.MjSpec, cube: Cube, floor_m: float) -> None:
-    """Add a cube on the floor; gripping by friction needs a more exact solution of contacts."""
+    """Add a cube on the floor, and solve contacts exactly enough for gripping by friction."""
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FORCE_RATIO
     body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + CUBE_HALF_M))
     body.add_freejoint(name=cube.name)

@@ -9,7 +9,7 @@ from typing import Any
 
 MAX_BYTES = 256 * 1024
 MAX_DOTS = 64
-"""Dots per line of TOML, because tomllib's time and memory grow with their square."""
+"""Largest number of dots per line of TOML: tomllib's time and memory grow with its square."""
 
 
 def read_text(path: Path) -> str:

@@ -60,11 +60,11 @@ def line_speed(fd: int) -> int | None:
     return _NAMED.get(speed, speed) or None
 
 
-SPIN_S = 100e-6  # the kernel wakes us about this late, so the rest is a busy wait
+SPIN_S = 100e-6  # the kernel wakes a process about this late, so the rest is a busy wait
 ACTIVE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 IDLE_STEP_S = 0.050
 NO_CLIENT_STEP_S = 0.010  # time between two polls for a client
-MAX_LATE_S = 0.030  # largest delay of the server; servos do not see more
+MAX_LATE_S = 0.030  # largest delay of the server that servos see
 
 
 class PtyBus:
@@ -75,8 +75,8 @@ class PtyBus:
     opening and hanging up work as on a real port.
 
     A server that was not scheduled catches up by at most `MAX_LATE_S` before it replies. Longer
-    delays are left out of the line's time, because it is unknown when waiting bytes were written,
-    and servos that moved on meanwhile would have missed the goals among them, and reply late.
+    delays are left out of the line's time: it is unknown when waiting bytes were written, and
+    servos that had moved on meanwhile would miss the goals among them, and reply late.
 
     Attributes:
         path: The slave's device file.

@@ -1,4 +1,4 @@
-"""Rows of a datasheet's control table, how bytes encode numbers, the memory of one servo."""
+"""Rows of a datasheet's control table, the encoding of numbers, the memory of one servo."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ class Memory:
     """The bytes behind a control table.
 
     ``image`` is the memory that instructions read and write; ``eeprom`` survives loss of power.
-    Nothing here checks access: that is the task of the servo's firmware.
+    Access is not checked here, because that is the task of the servo's firmware.
 
     Attributes:
         get: Returns the value of a register by its name, for every frame and every protection.
@@ -229,7 +229,7 @@ class Memory:
         self._decode_all()
 
     def store_backup(self) -> None:
-        """Keep the present EEPROM registers for the next `restore_factory`."""
+        """Store the present EEPROM registers for the next `restore_factory`."""
         kept = self._factory_image()
         for row in self.table.registers:
             if row.persists:

@@ -175,7 +175,7 @@ def _parse_servos(text: str) -> list[BenchServo]:
 
 
 def _find_model(wanted: str) -> str | None:
-    """Find the model with a name, or the only model whose name starts so: ax-12 is AX-12A."""
+    """Find the model with a name, or the only model whose name starts with it: ax-12 is AX-12A."""
     models = {name.lower(): name for name in TABLES}
     if wanted.lower() in models:
         return models[wanted.lower()]
@@ -375,7 +375,7 @@ def _work_until_signal(bus: PtyBus, remote: RemoteControl, screen: StatusScreen)
 
 
 def _raise_priority() -> None:
-    """Raise the priority of this process, if permitted, because real servos share no processor."""
+    """Raise this process's priority, if permitted: real servos do not share a processor."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, REAL_TIME_NICENESS)
         if os.getsid(0) == os.getpid():  # Linux may divide processors among sessions first

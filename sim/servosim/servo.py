@@ -59,7 +59,7 @@ class AlarmBits:
         self.injected = bits
 
     def set_alarm(self, bit: int, present: bool) -> None:
-        """Raise or clear a bit because of its cause; injected bits stay."""
+        """Set or clear a bit according to its cause; injected bits stay set."""
         self.bits = self.bits | bit if present else self.bits & ~bit
         self.bits |= self.injected
 
@@ -69,7 +69,7 @@ class HornMounting:
     """The mounting of a servo, which no register reports.
 
     Attributes:
-        sign: +1 or -1, direction of growing ticks in the joint's coordinate.
+        sign: +1 if ticks increase with the joint coordinate, -1 if they decrease.
         zero_tick: Tick of the sensor at joint zero; may be fractional.
         ticks: Ticks of one revolution of the servo's shaft.
         rad_per_tick: Radians of one tick.
@@ -110,8 +110,8 @@ class Servo:
         supply_v: Voltage at its plug.
         time_s: The simulated time of the firmware.
         booting_until_s: End of booting, before which the servo neither receives nor replies.
-        replying_until_s: End of its reply, before which instructions are lost, if the family has
-            room for only one.
+        replying_until_s: End of its reply, before which instructions are lost, if the family
+            buffers only one.
         received_s: Time of the last instruction packet.
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
@@ -234,7 +234,7 @@ class Servo:
         self.changed()
 
     def register_write(self, address: int, data: bytes) -> InstructionError | None:
-        """Store a write until its action comes."""
+        """Store a write until the action instruction arrives."""
         refusal = self.check_write(address, data)
         if refusal is None:
             self.pending = (address, data)
@@ -255,7 +255,7 @@ class Servo:
         self.reboot()
 
     def calibrate(self, position_tick: int = 2048) -> None:
-        """Make the present position the given number; most families cannot."""
+        """Make the present position the given number, if the family supports it."""
 
     def reset_turns(self) -> None:
         """Reduce the position to a single revolution."""

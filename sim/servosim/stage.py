@@ -92,7 +92,7 @@ class Stage:
         Args:
             positions: The positions of the arm's joints, by name [rad or m].
             poses: The poses of the cubes, then of the board if there is one (4, 4), base frame. The
-                board's pattern is on the side of its -z.
+                board's pattern is on its -z side.
 
         Returns:
             The picture (h, w, 3), blue first, and the distance of its contents ahead of the camera

@@ -58,7 +58,7 @@ class Audit:
         self.collisions += servo is None
 
     def report(self, readers: list[FrameReader]) -> dict[str, Any]:
-        """Return everything as plain data."""
+        """Return all statistics as plain data."""
         for record, servo in zip(self._records, self._servos, strict=True):
             record.id, record.eeprom_writes = servo.id, servo.memory.eeprom_writes
         return {

@@ -94,7 +94,7 @@ class World:
 
     ``rails`` are the supplies by nominal voltage: a Koch arm has one with 12 V and one with 5 V.
 
-    ``contacts`` act on joints without torque: a servo that holds does not feel them, and while a
+    ``contacts`` act on joints without torque: they do not move a servo that holds, and while a
     hand moves the arm the hand keeps it clear of its surroundings.
 
     ``limits`` are those of the body, by joint. ``tip`` is that of the arm; servos without an arm
@@ -266,7 +266,7 @@ class World:
             self._positions = positions
         busy = moving or self.hands or any(servo.is_active for servo in self.servos)
         if self._mover is None:
-            # A rotor that crosses the backlash turns while the output stands.
+            # A rotor that crosses the backlash turns while the output stands still.
             busy = busy or any(motor.rotor_rad_s for motor in self._motors)
         else:
             busy = busy or not self._mover.is_at_rest
@@ -312,7 +312,7 @@ class World:
     def _update_loads(self) -> None:
         """Update loads and masses for the next steps, at the posture in their middle.
 
-        At the present posture they would lag, and drive joints that swing.
+        Loads at the present posture would lag, and would drive joints that swing.
         """
         positions = [joint.position for joint in self.joints]
         velocities = [joint.velocity for joint in self.joints]

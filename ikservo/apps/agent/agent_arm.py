@@ -1,4 +1,4 @@
-"""An arm in the hands of an agent: what it may read, plan and execute; no protocol."""
+"""The operations of an agent on an arm: read, plan, execute, stop; independent of the protocol."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ MAX_PROGRAM_STEPS = 200
 
 _MAX_THINGS = 50
 _MAX_NAME, _MAX_WORDS = 80, 500  # characters
-_MAX_SUNK_RAD = 0.1  # a limp arm sinks before a program begins
+_MAX_SUNK_RAD = 0.1  # how far a limp arm may sink before its program begins
 _KEPT_REFUSALS = 20
 _BRAKE_TIMEOUT_S = 5.0  # braking takes 0.3 s; a busy machine is given more
 _BY_BUDGET = "--allow slow"
@@ -52,14 +52,14 @@ _PERSON_ENDS_STOP = "A person must end the stop, on the server's page or by: iks
 
 
 class AgentArm:
-    """The arm and the owner's decisions; its methods are safe in any thread.
+    """An arm as an agent may use it, within the owner's permissions; safe in any thread.
 
-    They raise an ``IkservoError`` if something cannot be read, planned or executed, if the owner or
-    a person does not allow it, or if the journal cannot be written. The arm then holds.
+    The methods raise an ``IkservoError`` if something cannot be read, planned or executed, if the
+    owner or a person does not allow it, or if the journal cannot be written. The arm then holds.
 
     Attributes:
         arm: The arm.
-        allowance: The decisions of the owner.
+        allowance: The owner's permissions.
         plans: The plans that are waiting to be executed.
         journal: Records each call.
     """
@@ -98,7 +98,7 @@ class AgentArm:
         )
 
     def reachable(self, position_m: Sequence[float]) -> res.Reach:
-        """Solve for a point (3,) [m]; nothing moves, and no obstacle is considered."""
+        """Check whether the tip can reach a point (3,) [m]; obstacles are ignored."""
         found = solve(self.arm.chain, Target(position_m))
         return res.Reach(
             is_reachable=found.reached,
@@ -138,7 +138,7 @@ class AgentArm:
             self.journal.write("refused", tool=tool, kind=kind, message=words)
 
     def plan(self, motion: MotionValue[Any]) -> res.OfferedMotion:
-        """Plan a motion as the owner allows it, and keep it for ``execute``."""
+        """Plan a motion within the owner's limits, and store the plan for ``execute``."""
         motion, stops = self.allowance.limited(motion), self._stops.count
         plan = None if isinstance(motion, MoveGripper | Wait) else self.arm.plan(motion)
         return self._offer(OfferedPlan([motion], plan, [_summary(motion, plan)], stops))
@@ -161,7 +161,7 @@ class AgentArm:
         ]
         start, stops = arm.runner.start_position(), self._stops.count
         planned, steps = PlannedStart(start), list[res.StepReport]()
-        # The first step is planned again from the end of the last one, if the program repeats.
+        # If the program repeats, its first step is also planned from the end of its last step.
         for index in (*range(len(motions)), *([0] if program.repeat > 1 else [])):
             error = self._plan_step(motions[index], planned)
             words = quoted(program.steps[index].description)
@@ -207,7 +207,7 @@ class AgentArm:
         return encode_png(draw_plan(self.arm, plan))
 
     def ask(self, plan_id: str, client: str) -> OfferedPlan:
-        """Let a plan wait for a person, unless the owner allows it; return it."""
+        """Request a person's consent to a plan unless the owner allows it; return the plan."""
         offered = self.plans.find(plan_id)
         self.journal.write("asked", plan=plan_id, client=quoted(client))
         if self.allowance.consent is Consent.NOTHING:
@@ -239,7 +239,7 @@ class AgentArm:
         self.plans.take(plan_id)
         self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
         try:
-            with self._stops.requested(offered.stops):  # a stop since then has ended it
+            with self._stops.requested(offered.stops):  # a stop after the offer cancels the plan
                 self._stops.check_request()
                 self._check_start(offered.start)
                 results = tuple(self._run(each, offered.plan) for each in offered.motions)
@@ -263,14 +263,15 @@ class AgentArm:
         if isinstance(motion, MoveGripper | Wait):
             result = arm.execute(motion)
         else:
-            # What was shown is executed: torque comes on first, so that a limp arm is not
-            # replanned. If it has sunk too far from the start of the plan, the plan is refused.
+            # The person has seen this plan, so it must not change: torque comes on first, so that a
+            # limp arm is not replanned. An arm that has sunk too far from the plan's start is
+            # refused.
             arm.enable()
             result = arm.execute(replace(plan or arm.plan(motion), limp_arm=None))
         return {} if result is None else encode_fields(result)
 
     def stop(self, reason: str, by: str = "The agent") -> str:
-        """Brake and hold; only a person ends the stop."""
+        """Brake and hold; only a person can end the stop."""
         words = quoted(reason) or "no reason given"
         self.arm.request_stop(StopReason(StopKind.CLIENT, f"{by} stopped the arm: {words}"))
         with contextlib.suppress(IkservoError):
@@ -278,7 +279,7 @@ class AgentArm:
         return f"Stopped. {_PERSON_ENDS_STOP}"
 
     def hold(self, reason: str) -> None:
-        """Stop a motion, even one about to begin, because the agent can no longer see it."""
+        """Stop a motion, even one about to begin, because the agent can no longer supervise it."""
         self.arm.request_stop(StopReason(StopKind.CLIENT, reason))
 
     def end(self) -> None:
@@ -288,7 +289,7 @@ class AgentArm:
             self._executing.release()
 
     def acknowledge(self, who: str) -> None:
-        """End a stop, for a person, even if the journal is full."""
+        """End a stop on behalf of a person, even if the journal is full."""
         with contextlib.suppress(IkservoError):
             self.journal.write("acknowledge", by=who)
         self.plans.withdraw_questions()
@@ -333,7 +334,7 @@ class AgentArm:
         return self._last_picture or self.look()
 
     def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> res.SeenThing:
-        """Return the first point that a pixel (right, down) sees, or its point at a height."""
+        """Return the first point on the ray of a pixel (right, down), or its point at a height."""
         step = shrink_step(self.arm.camera.model().lens.size)
         u, v = step * u, step * v
         if height_m is not None:

@@ -15,9 +15,9 @@ from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import FileWriteError, make_folder
 
 MAX_BYTES = 20_000_000
-"""Size at which a journal is full; without a line in the journal nothing moves."""
+"""Size at which a journal is full, bytes; without a journal entry, nothing moves."""
 
-_MAX_TEXT = 1000  # characters of a value
+_MAX_TEXT = 1000  # longest logged value, characters
 
 
 class AgentJournal:

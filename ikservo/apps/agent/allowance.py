@@ -1,4 +1,4 @@
-"""What an arm's owner allows an agent: a consent mode, a region, and a budget."""
+"""The permissions that an arm's owner gives an agent: consent mode, region, and budget."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ikservo.planning.motions import MotionValue, MoveGripper, Wait
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 
 LONGEST_SEARCH_S = 10.0
-"""Longest search for a path that an agent may ask for."""
+"""Longest path search that an agent can request."""
 
 
 class Consent(StrEnum):
-    """Who allows a motion."""
+    """Whose consent a motion needs."""
 
     NOTHING = "nothing"
     """Nobody: the agent reads and plans, and nothing moves."""
@@ -34,13 +34,13 @@ class Consent(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """The decisions of the owner, which no tool changes.
+    """The owner's permissions, which no tool changes.
 
     Attributes:
         consent: Who allows a motion.
         within: The region in which the tip stays, and other constraints on the tool.
-        motions: Number of motions that need no question.
-        minutes: Minutes from the start during which motions need no question.
+        motions: Number of motions that are allowed without asking.
+        minutes: Minutes from the start during which motions are allowed without asking.
     """
 
     consent: Consent = Consent.NOTHING
@@ -69,7 +69,7 @@ class Allowance:
         """Return a motion with the owner's limits: it stays in the region and is never replanned.
 
         Raises:
-            RefusedError: The motion cannot be planned first, or cannot be kept in the region.
+            RefusedError: The motion cannot be planned in advance, or not kept in the region.
         """
         if isinstance(motion, OwnMotion):
             raise RefusedError(
@@ -99,7 +99,7 @@ class Allowance:
 
 
 class Budget:
-    """Budget of motions that need no question: a number of them, until a given time."""
+    """The number of motions that are still allowed without asking, until a given time."""
 
     def __init__(self, allowance: Allowance, clock: Clock) -> None:
         self._left, self._clock = allowance.motions, clock
@@ -107,17 +107,17 @@ class Budget:
         self._lock = threading.Lock()
 
     def take(self, motions: int) -> bool:
-        """Use motions of the budget; return False, and use none, if they are more than is left."""
+        """Spend motions from the budget; return False and spend none if too few are left."""
         with self._lock:
             is_covered = self.covers(motions)
             self._left -= motions * is_covered
             return is_covered
 
     def covers(self, motions: int) -> bool:
-        """Check whether motions are not more than what is left, now."""
+        """Check whether the remaining budget covers a number of motions now."""
         return motions <= self._left and self._clock.now_s() <= self._end_s
 
     def left(self) -> Mapping[str, float]:
-        """Return the numbers of motions and minutes that are left."""
+        """Return the remaining motions and minutes."""
         minutes = max(0.0, (self._end_s - self._clock.now_s()) / 60.0)
         return {"motions": self._left, "minutes": round(minutes, 1)}

@@ -60,7 +60,7 @@ def consent_server(agent: AgentArm) -> Generator[str]:
         server.should_exit = True
         thread.join(2.0)
         with suppress(InputError):
-            if stored_address() == address:  # and not that of a later server
+            if stored_address() == address:  # unless a later server has replaced it
                 address_file().unlink(missing_ok=True)
 
 

@@ -92,7 +92,7 @@ def command(
         answer_in_terminal()
         return
     allowance = Allowance(allow, path.within(), budget, minutes)
-    # Both load the server of the protocol, which the other uses of this command do not need.
+    # Both import the protocol's server, which --approve and --replay do not need.
     from ikservo.apps.agent.agent_arm import AgentArm  # noqa: PLC0415
     from ikservo.apps.agent.transports import serve_agent  # noqa: PLC0415
 

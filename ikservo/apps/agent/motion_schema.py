@@ -1,4 +1,4 @@
-"""Offer the kinds of motions as arguments of a tool, with the types and texts of their fields."""
+"""Arguments of the planning tool: a field for each kind of motion, typed and described."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _CONFIG = ConfigDict(extra="forbid")
 
 
 class MotionArguments(BaseModel):
-    """A motion; exactly one of its fields is given."""
+    """A motion; exactly one of its fields must be given."""
 
     model_config = _CONFIG
 
@@ -48,7 +48,7 @@ class MotionArguments(BaseModel):
         """Return the motion.
 
         Raises:
-            InputError: No field is given or several, or the motion refuses a value.
+            InputError: Not exactly one field is given, or a value is not valid for the motion.
         """
         return parse_motion(self.model_dump(exclude_none=True))
 
@@ -58,7 +58,7 @@ def motion_arguments() -> type[MotionArguments]:
     """Return `MotionArguments` with a field for each kind of motion of the core."""
     kinds: dict[str, Any] = {}
     for name, kind in KINDS.items():
-        if name != "lower":  # what the arm does by itself when it is hot
+        if name != "lower":  # a hot arm lowers itself; agents do not request it
             words = (kind.__doc__ or "").partition("\n")[0]
             kinds[name] = (_schema_of(kind) | None, Field(default=None, description=words))
     return create_model("Motion", __base__=MotionArguments, **kinds)
@@ -93,7 +93,7 @@ def _type_of(name: str, hint: Any) -> Any:  # noqa: ANN401  # an annotation is a
 
 
 def _attribute_texts(kind: type[Any]) -> dict[str, str]:
-    """Return the descriptions of a dataclass's fields, from the section of its docstring."""
+    """Return the descriptions of a dataclass's fields from its docstring."""
     section = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2]
     section = section.partition("\n\n")[0]
     found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", section, re.MULTILINE)

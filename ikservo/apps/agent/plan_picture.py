@@ -92,12 +92,12 @@ def _edges(low_m: Point, high_m: Point) -> Iterator[tuple[Vector, Vector]]:
 
 
 def shrink_step(size: tuple[int, int]) -> int:
-    """Return the step in pixels for making a camera's picture (width, height) smaller."""
+    """Return the subsampling step in pixels for a camera's picture (width, height)."""
     return -(-max(size) // _LONGEST_SIDE)
 
 
 def shrunk(picture: NDArray[np.uint8]) -> Picture:
-    """Return a camera's picture, in BGR or grey, as a small picture in RGB."""
+    """Return a camera's picture, in BGR or grey, as a smaller picture in RGB."""
     height, width = picture.shape[:2]
     step = shrink_step((width, height))
     small = picture[::step, ::step]

@@ -1,4 +1,4 @@
-"""Plans that an agent has made: each is executed once, within its lifetime."""
+"""Plans that an agent has made; each can be executed once before it expires."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MotionValue
 
-LIFETIME_S = 300.0  # then a plan cannot be executed any more
-MAX_PLANS = 50  # that are kept; the oldest is forgotten first
+LIFETIME_S = 300.0  # after this time a plan has expired
+MAX_PLANS = 50  # stored at most; the oldest plan is dropped first
 
 
 class Answer(StrEnum):
@@ -37,12 +37,12 @@ class OfferedPlan:
         summary: The plan in words, one line for each motion.
         stops: The number of times the arm had been stopped before the plan was made.
         start: The joints (n,) where a program begins; None for a single motion.
-        made_s: The time at which the store received it.
-        id: A number that cannot be guessed.
+        made_s: The time at which the plan was stored.
+        id: An identifier that cannot be guessed.
         answer: The person's answer.
         answered_by: Who answered.
-        is_asked: Whether the agent waits for an answer.
-        is_used: Whether it was executed.
+        is_asked: Whether a person has been asked for consent.
+        is_used: Whether the plan was executed.
     """
 
     motions: Sequence[MotionValue[Any]]
@@ -66,7 +66,7 @@ class PlanStore:
         self._plans: dict[str, OfferedPlan] = {}
 
     def offer(self, offered: OfferedPlan) -> OfferedPlan:
-        """Keep a plan, and return it."""
+        """Store a plan, and return it."""
         offered.made_s = self._clock.now_s()
         with self._lock:
             while len(self._plans) >= MAX_PLANS:
@@ -102,7 +102,7 @@ class PlanStore:
         return offered
 
     def withdraw_questions(self) -> None:
-        """Take back all questions to a person: after a motion or a stop, the arm is elsewhere."""
+        """Withdraw all requests for consent: after a motion or a stop, the arm is elsewhere."""
         with self._lock:
             for each in self._plans.values():
                 each.is_asked = False
@@ -116,7 +116,7 @@ class PlanStore:
         return [each for each in waiting if each.answer is Answer.NONE and each.made_s >= oldest_s]
 
     def answer(self, plan_id: str, answer: Answer, answered_by: str) -> None:
-        """Store a person's answer; a refusal ends an earlier consent. Raises like ``find``."""
+        """Store a person's answer; a refusal revokes an earlier consent. Raises like ``find``."""
         with self._lock:
             offered = self.find(plan_id)
             if offered.answer is Answer.NONE or answer is Answer.NO:

@@ -1,4 +1,4 @@
-"""The results of the tools, with units in the field names. Texts from outside are quoted."""
+"""The results of the tools, with units in the field names. Untrusted texts are quoted."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Reach(BaseModel):
 
 
 class OfferedMotion(BaseModel):
-    """A plan that can be executed once, for five minutes."""
+    """A plan that can be executed once within five minutes."""
 
     plan_id: str
     summary: tuple[str, ...]
@@ -89,7 +89,7 @@ class CheckedProgram(BaseModel):
 
 
 class Refusal(BaseModel):
-    """An earlier error from a tool."""
+    """An earlier error of a tool."""
 
     tool: str
     kind: str

@@ -42,7 +42,7 @@ def serve_agent(agent: AgentArm, http_port: int | None, listen: str) -> None:
         if http_port is None:
             if sys.stdin.isatty():
                 print_status("Waiting for an agent on standard input. Ctrl-C ends this.")
-            # asyncio would end its tasks at Ctrl-C, and wait for the one that reads a line.
+            # At Ctrl-C, asyncio would cancel its tasks and wait for the one that reads a line.
             before = signal.signal(signal.SIGINT, signal.getsignal(signal.SIGTERM))
             try:
                 anyio.run(server.run_stdio_async)

@@ -1,4 +1,4 @@
-"""``ikservo test --touch``: accuracy from touches of known points, guided by hand."""
+"""``ikservo test --touch``: measure accuracy by guiding the tip by hand to known points."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ikservo.model import Model
 
 
 class TouchedPoints:
-    """The touches of a test, which are kept if the test is stopped.
+    """The touches of an accuracy test; they are kept if the test is stopped.
 
     Attributes:
         tips: Name and position (3,) of each touched point, and the position (3,) of the tip from

@@ -40,8 +40,8 @@ _SPEED_FRACTION = 0.45  # speed of the search, as a fraction of the speed "slow"
 _BACK_OFF_RAD = math.radians(4.0)  # angle of the horn
 _ARRIVED_RAD = math.radians(1.5)
 _POLL_PERIOD_S = 0.05
-# Fraction of the maximum lead at which a joint presses: beyond it goals slow down, and at 0.9 it
-# counts as blocked. Every servo of the catalogue gives half of its torque there, at its gains.
+# A joint presses with this fraction of its maximum lead. Beyond it, goals slow down; at 0.9 the
+# joint counts as blocked. At this lead, every servo of the catalogue gives half of its torque.
 _PRESSING_SHARE = 0.75
 
 
@@ -75,13 +75,13 @@ def probe_end_stop(
         bus: The servos of the arm.
         joint: The joint.
         end: The joint goal, rad or m, beyond the expected stop.
-        fraction: The fraction of its torque that the servo may use, 0 to 1; afterwards, full torque
-            is allowed again.
+        fraction: The fraction of its torque that the servo may use, 0 to 1; full torque is restored
+            afterwards.
         on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
-        StoppedError: The user stopped it; the arm holds.
-        RefusedError: The guard stopped it; the arm holds.
+        StoppedError: The user stopped the motion; the arm holds.
+        RefusedError: The guard stopped the motion; the arm holds.
     """
     search = _EndStopSearch(context, bus, joint, end, fraction, on_positions)
     try:
@@ -165,7 +165,7 @@ class _EndStopSearch:
         return self._context.index.with_position(joints, self._joint, position)
 
 
-_EARLY_RAD = math.radians(15.0)  # no stop is further than this from its position in the arm file
+_EARLY_RAD = math.radians(15.0)  # largest distance of a stop from its position in the arm file
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ def horn_to_joint(subject: JointUnderCalibration) -> float:
 
 
 def is_end_stop(found: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:
-    """Check whether a joint is at its stop, not at an obstacle before it."""
+    """Check whether a joint is at its stop and not at an obstacle before it."""
     missing = (end.expected - found.position) * math.copysign(1.0, end.past - end.start)
     return found.contact is ContactState.STOP and missing <= _EARLY_RAD * horn_to_joint(subject)
 
@@ -236,12 +236,12 @@ def missing_stop_error(
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Describe a joint with one or two ends that cannot be searched for.
+    """Describe a joint with one or two ends for which no search is possible.
 
     Args:
         subject: The joint.
-        lower: The position of its lower stop, rad or m, or the reason why it was not searched.
-        upper: The position of its upper stop, or the reason why it was not searched.
+        lower: The position of its lower stop, rad or m, or the reason why it was not searched for.
+        upper: The position of its upper stop, or the reason why it was not searched for.
     """
     text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))
@@ -255,7 +255,7 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
 
 
 def nearly_a_turn(subject: JointUnderCalibration) -> str:
-    """Describe a joint whose range is too wide for a search of its stops."""
+    """Describe a joint whose range is too wide to search for its stops."""
     text, expected = subject.joint_map.format, subject.expected
     low, high = expected.lower.value, expected.upper.value
     return (
@@ -264,11 +264,11 @@ def nearly_a_turn(subject: JointUnderCalibration) -> str:
     )
 
 
-_TORQUE_FRACTIONS = (0.3, 0.45, 0.6)  # of a servo's torque, tried one after the other
+_TORQUE_FRACTIONS = (0.3, 0.45, 0.6)  # fractions of a servo's torque, tried in this order
 
 
 def check_auto_allowed(model: Model) -> None:
-    """Refuse arms whose arm file forbids automatic calibration.
+    """Refuse an arm whose arm file forbids automatic calibration.
 
     Raises:
         CalibrationError: The arm file forbids it; the message carries its reason.
@@ -287,7 +287,7 @@ class AutoCalibration:
         loose: The servos of the arm, torque off.
         state: The calibration state, with the reference pose recorded.
         pose: The named pose.
-        measured: Keeps the travel of each joint whose two stops were found.
+        measured: Stores the travel of each joint whose two stops were found.
 
     Attributes:
         state: The calibration state with all measurements so far.
@@ -322,23 +322,23 @@ class AutoCalibration:
 
         Raises:
             CalibrationError: An unexpected joint moved, or a stop is in the wrong place.
-            StoppedError: The user stopped it; the arm holds.
-            RefusedError: The guard stopped it; the arm holds.
+            StoppedError: The user stopped the calibration; the arm holds.
+            RefusedError: The guard stopped the calibration; the arm holds.
         """
         yield Notice("Torque is on. Let go of the arm and keep clear of it.")
-        # Reveal a wrong sign or swapped ids before anything else moves.
+        # This reveals a wrong sign or swapped ids before anything else moves.
         names = [joint.name for joint in self.arm.model.joints]
         yield from show_directions(self.arm, names, searching=True)
         yield from self.sweep()
         return self.finish()
 
     def sweep(self) -> Dialogue[None]:
-        """Search for the stops of each joint that was not measured before, from the tip.
+        """Search for the stops of each joint that has no measured range yet, starting at the tip.
 
         Raises:
-            CalibrationError: A joint was stopped in the wrong place, or found no stop.
-            StoppedError: The user stopped it; the arm holds.
-            RefusedError: The guard stopped it; the arm holds.
+            CalibrationError: A joint was stopped in the wrong place, or no stop was found.
+            StoppedError: The user stopped the search; the arm holds.
+            RefusedError: The guard stopped the search; the arm holds.
         """
         with self.arm.runner.requested():
             for number, subject in enumerate(reversed(self.state.subjects), 1):
@@ -354,7 +354,7 @@ class AutoCalibration:
         """Lower the arm to its rest pose, switch torque off, and return the state for review.
 
         Raises:
-            CalibrationError: The servos of one joint have moved differently.
+            CalibrationError: The servos of one joint have moved by different angles.
         """
         path = self._postures.find_path(self._chain_joints(), self.arm.model.chain_pose("rest"))
         with self.arm.runner.requested():
@@ -394,7 +394,7 @@ class AutoCalibration:
     def _find_end_stop(
         self, end: RangeEnd, subject: JointUnderCalibration
     ) -> Dialogue[float | str]:
-        """Search for a joint's stop; return its position, rad or m, or why that is not possible."""
+        """Search for a joint's stop; return its position, rad or m, or the reason why not."""
         names, path = self.arm.model.chain.names, list[Vector]()
         try:
             if end.joint in names:  # to a posture in which the joint can move to its end

@@ -1,10 +1,10 @@
 """Preparation of an automatic calibration: limited torque, postures, stored progress.
 
-The limits are not known yet, but the zeros are, because the arm was held in a named pose. So the
-guard uses the arm file's ranges with a margin, and the arm's slowest speed.
+The limits are not known yet, but the zeros are, because the arm was held in a named pose.
+Therefore the guard uses the arm file's ranges with a margin, and the arm's slowest speed.
 
-The travel of a joint between its stops is stored in raw encoder ticks: these do not depend on what
-is written into the servo, nor on the pose in which the next run starts.
+The travel of a joint between its stops is stored in raw encoder ticks. They do not depend on the
+servo's registers, nor on the pose in which the next run starts.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
 SEARCH_MARGIN_RAD = math.radians(20.0)
-"""Angle of the horn by which a joint may search beyond its expected end."""
+"""Largest search of a joint beyond its expected end, angle of the horn."""
 
-_MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution; a joint with a wider range has no end stops
+_MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution; a joint with a wider range is not searched
 _SPEED_MARGIN = 1.2
 
 
 def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
-    """Check whether a joint has stops to search."""
+    """Check whether a joint has stops for which a search is possible."""
     too_wide = (
         subject.ticks_per_turn > 0
         and subject.expected_ticks >= _MAX_SEARCHED_FRACTION * subject.ticks_per_turn
@@ -64,16 +64,16 @@ def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
 def configure_encoders(
     loose: TorqueOffArm, state: CalibrationState, pose: str
 ) -> CalibrationResult:
-    """Configure every servo so that its count does not wrap during the search; torque is off.
+    """Configure every servo (torque off) so that its count does not wrap during the search.
 
     The calibration file is not changed; see ``restore_encoders``. If the program is killed, the
     next one that opens the arm undoes the change from the journal.
 
     Returns:
-        The calibration that follows from only the pose.
+        The calibration that follows from the pose alone.
 
     Raises:
-        CalibrationError: A joint would cross a wrap-around that cannot be moved.
+        CalibrationError: A joint would cross a wrap-around that no setting can move.
         IkservoError: A servo cannot be written; nothing is changed, or the hint says how to go on.
     """
     subjects = tuple(_widen_range(subject, state) for subject in state.subjects)
@@ -82,7 +82,7 @@ def configure_encoders(
     found = loose.build_calibration(wide, pose, datetime.now(UTC))
     memory: dict[int, dict[str, int]] = {}
     for i, held in found.memory.items():
-        # The limits of the servo itself may be inside the stops, so they are opened.
+        # The servo's own limits may lie inside the stops, so they are widened.
         table = loose.facts[i].table
         low = table.find(RegisterName.MIN_POSITION_LIMIT)
         high = table.find(RegisterName.MAX_POSITION_LIMIT)
@@ -107,7 +107,7 @@ def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> G
     try:
         yield
     except BaseException:
-        with contextlib.suppress(BusError):  # the raised error already names silent servos
+        with contextlib.suppress(BusError):  # the original error already names the silent servos
             _restore_registers(loose, on_status)
         raise
 
@@ -131,7 +131,7 @@ def _restore_registers(loose: TorqueOffArm, on_status: Callable[[str], None]) ->
 def limited_context(
     loose: TorqueOffArm, state: CalibrationState, known: CalibrationResult, space: CollisionChecker
 ) -> ArmContext:
-    """Return the arm with the limits of the search; no torque changes."""
+    """Return the arm with the limits of the search; torque is not changed."""
     model, bus = loose.model, loose.bus
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
     subjects = {subject.name: subject for subject in state.subjects}
@@ -157,7 +157,7 @@ def limited_context(
 
 
 def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> JointUnderCalibration:
-    """Return a joint with the range in which to search for its stops."""
+    """Return a joint with the range in which its stops are searched for."""
     if not can_probe(subject, state):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
@@ -174,12 +174,12 @@ def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> Joi
 
 _SAMPLES = 30
 _MAX_TRIES, _DETOURS = 400, 40
-_LIMIT_MARGIN_RAD = 0.26  # distance from the arm file's ends; the true ones are not known yet
+_LIMIT_MARGIN_RAD = 0.26  # distance from the arm file's ends; the true ends are not known yet
 _INSIDE_MEASURED_RAD = 0.06  # distance from measured ends
-# This close to its end a joint may touch its neighbour, because many stops are made that way. It
-# must never touch the table or a keep-out box.
+# Within this distance of its end, a joint may touch its neighbour, because many stops work that
+# way. It must never touch the table or a keep-out box.
 _NEARBY_RAD = 0.22
-# Random postures seldom have clearance for a long arm above its table; the best are improved.
+# Random postures of a long arm above its table seldom have clearance, so the best are improved.
 _IMPROVED = 10
 _WIDE_RAD, _FINE_RAD = 0.4, 0.03
 _ENOUGH_M = 0.004
@@ -202,7 +202,7 @@ class PosturePlanner:
         self._low, self._high = np.minimum(low, high), np.maximum(low, high)
 
     def learn(self, column: int, low: float, high: float) -> None:
-        """Use the measured range of a joint; postures may come closer to its measured ends."""
+        """Use the measured range of a joint; postures may then come closer to its ends."""
         low, high = low + _INSIDE_MEASURED_RAD, high - _INSIDE_MEASURED_RAD
         if low < high:
             self._low[column], self._high[column] = low, high
@@ -261,10 +261,10 @@ class PosturePlanner:
             yield self._improve(posture, search)
 
     def _improve(self, posture: Vector, search: _JointSearch) -> Vector:
-        """Improve a posture until small changes of single joints gain no more clearance."""
+        """Improve a posture until small changes of single joints no longer gain clearance."""
         best, best_m, step = posture, self._min_distance(search, posture)[0], _WIDE_RAD
         while step >= _FINE_RAD and best_m < _ENOUGH_M:
-            # The postures (n, dof) with one other joint moved by a step.
+            # The postures (n, dof) in which one of the other joints is moved by a step.
             steps = step * np.vstack([np.eye(len(best)), -np.eye(len(best))])
             steps[:, search.column] = 0.0
             rows = np.clip(best + steps, self._low, self._high)
@@ -304,7 +304,7 @@ class PosturePlanner:
 
 @dataclass(frozen=True, slots=True)
 class _JointSearch:
-    """The motion of one joint to its end, in any posture of the others; rad or m.
+    """The motion of one joint to its end, for any posture of the other joints; rad or m.
 
     Attributes:
         column: The joint's column in the chain's vectors.
@@ -318,7 +318,7 @@ class _JointSearch:
 
     @property
     def clear_travel(self) -> float:
-        """Travel before the joint may touch its neighbour."""
+        """The travel before the joint may touch its neighbour."""
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
     def start_posture(self, posture: Vector) -> Vector:
@@ -338,7 +338,7 @@ class _JointSearch:
 
 
 class MeasuredRanges:
-    """The measured joints of one arm on one adapter.
+    """The file of joints that an automatic calibration has measured, for one arm and adapter.
 
     Args:
         loose: The arm.
@@ -353,7 +353,7 @@ class MeasuredRanges:
         self._loose, self.path = loose, loose.partial_path
         try:
             found = read_partial(self.path)
-        except FileFormatError:  # measure again; only some minutes are lost
+        except FileFormatError:  # the joints are measured again, which takes only minutes
             found = None
         if found and found.arm != loose.model.name:
             found = None
@@ -387,7 +387,7 @@ class MeasuredRanges:
         write_atomic(self.path, dump_partial(partial))
 
     def remove_file(self) -> None:
-        """Remove the file when a calibration was saved or all joints are measured again.
+        """Remove the file after a calibration was saved, or to measure all joints again.
 
         Raises:
             FileWriteError: The file cannot be removed.
@@ -405,9 +405,9 @@ class MeasuredRanges:
 def with_known_ranges(
     state: CalibrationState, travels: Mapping[str, TickRange]
 ) -> CalibrationState:
-    """Return a calibration state in which measured joints are not measured again.
+    """Return a calibration state that takes over measured joints instead of measuring again.
 
-    A joint that is now outside its measured range is measured again.
+    A joint whose present position is outside its measured range is measured again.
     """
     subjects: list[JointUnderCalibration] = []
     for subject in state.subjects:

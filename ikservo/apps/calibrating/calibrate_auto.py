@@ -102,7 +102,7 @@ def _offer_measured_joints(limp_arm: TorqueOffArm) -> Dialogue[MeasuredRanges]:
 
 @contextmanager
 def _report_kept_joints(measured: MeasuredRanges) -> Generator[None]:
-    """On failure, print which joints need not be measured again."""
+    """If the calibration fails, print which joints need not be measured again."""
     try:
         yield
     except BaseException:

@@ -1,4 +1,4 @@
-"""``ikservo calibrate`` by hand: its options, and its output besides the dialogue."""
+"""``ikservo calibrate`` by hand: options and output; the dialogue has its own module."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def print_result(
     print_lines([f"Saved to {path}"])
     if is_simulated(calibration.usb_serial_number):
         print_status(
-            "This simulated arm ends here; the next one has the zeros and signs of the arm file."
+            "The simulated arm is gone now; the next one has the zeros and signs of the arm file."
         )
     else:
         print_status(f"Check it: ikservo where --arm {calibration.arm}")

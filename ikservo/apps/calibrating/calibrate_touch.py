@@ -69,7 +69,7 @@ class TouchOffOptions:
             parser=parse_length_m,
             help="Distance from the base to the near edge of the sheet.",
         ),
-    ] = None  # None: the sheet is below the tool of the pose home
+    ] = None  # None: the sheet is below the tool in the pose home
     block_m: Annotated[
         float | None,
         typer.Option(

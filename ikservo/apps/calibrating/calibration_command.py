@@ -202,7 +202,7 @@ def _find_file(model: Model, port: str | None) -> Path:
 
 
 def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool:
-    """Print the differences and ask; return whether there is something to write.
+    """Print the differences and ask whether to write them; return False if there are none.
 
     Raises:
         IkservoError: The user declined.

@@ -1,7 +1,7 @@
 """The dialogue of a calibration by hand: torque off, pose, directions, sweep, review.
 
-Step 1 is the pose. One step per joint for its direction, the sweep and the review follow. The
-number of a skipped joint stays unused, so that the other numbers do not change.
+Step 1 records the pose. Then follow one step per joint for its direction, the sweep, and the
+review. The number of a skipped joint stays unused, so that the other numbers do not change.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ from ikservo.model.tool import describe_direction
 ANSWERS = (ACCEPT, "undo", "remeasure JOINT", "skip JOINT", "continuous JOINT")
 _FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
 
-_UNCHANGED_S = 1.0  # time without a new extreme, once every range looks complete
+_UNCHANGED_S = 1.0  # a sweep with complete ranges ends after this time without a new extreme
 _COMPLETE_AFTER_S = 4.0  # the same time, if ranges are narrower than in the arm file
 
 
@@ -179,7 +179,7 @@ def record_ranges(
         state: The state of the calibration.
         pose: The named reference pose.
         stages: The stages to run.
-        refused: Why the answer that last ended these stages was refused; None if it was accepted.
+        refused: The error of a refused answer that would have ended these stages, or None.
 
     Raises:
         BusError: The servos stopped replying.
@@ -232,7 +232,7 @@ def read_script(path: Path) -> list[str]:
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
-    """Return the request, without its text, for a state read at a time [s] before the review."""
+    """Return the request for a state before the review, read at a time [s]; its text is empty."""
     ranges = ((track.low, track.high) for track in state.tracks.values())
     current = state.current_joint
     if state.stage is CalibrationStage.REFERENCE_POSE:
@@ -302,8 +302,8 @@ def _direction_request(
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (
-        f"{subject.name}: sign is opposite to the arm file. Was it first moved the wrong way? "
-        "Move it back to where it was."
+        f"{subject.name}: its sign is opposite to that in the arm file. Was it first moved the "
+        "wrong way? Move it back to where it was."
     )
 
 
@@ -401,7 +401,7 @@ def check_zeros(
     question = f'Was {names} exactly as in the pose "{pose}" at step 1?'
     if (yield Question(question, Unasked.NO, CalibrationStage.REVIEW)) != ACCEPT:
         raise CalibrationError(
-            f'The arm was not in the pose "{pose}": zero of {names} not plausible. '
+            f'The arm was not in the pose "{pose}": the zero of {names} is not plausible. '
             "Nothing was saved.",
             f"Calibrate again from the exact pose: ikservo calibrate {arm} --pose {pose}",
         )

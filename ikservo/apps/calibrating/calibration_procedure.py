@@ -22,7 +22,7 @@ from ikservo.maintenance.dialogue import JointProgress, JointReadout
 # Fraction of a revolution; a joint with a wider range in the arm file has no stops.
 _MAX_WIDTH_RATIO = 300 / 360
 _ALMOST_FULL_TURN = 2 / 360
-_COMPLETE = 0.8  # of the arm file's range
+_COMPLETE = 0.8  # fraction of the arm file's range from which a range counts as complete
 _MIRRORED_RAD = math.radians(30.0)
 _SHADOW_TICKS = 40
 
@@ -49,7 +49,8 @@ def blocking_issues(state: CalibrationState) -> Iterator[CalibrationError]:
     current = state.current_joint
     if current and state.is_second_trial:
         yield CalibrationError(
-            f"{current.name}: sign is opposite to the arm file. Was it first moved the wrong way?",
+            f"{current.name}: its sign is opposite to that in the arm file. "
+            "Was it first moved the wrong way?",
             "Move it back, then again in the direction shown, or skip it.",
         )
     elif current:
@@ -77,7 +78,7 @@ def _range_issues(
     expects_turn = subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
     if is_full_turn(state, subject) and not expects_turn:
         yield CalibrationError(
-            f"{name} was turned by a full turn; the arm file expects "
+            f"{name} was moved by a full turn; the arm file expects "
             f"{_format_expected_range(subject)}.",
             f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
         )
@@ -111,7 +112,7 @@ def warnings(state: CalibrationState) -> Iterator[str]:
     for subject in state.subjects:
         name = subject.name
         if state.sign(subject) != subject.joint_map.sign:
-            yield f"{name}: sign is opposite to the arm file, measured twice."
+            yield f"{name}: its sign is opposite to that in the arm file, measured twice."
         if name in state.skipped and name in state.reasons:
             yield f"{name}: {state.reasons[name]}"
         elif name in state.skipped:
@@ -148,7 +149,7 @@ def _format_expected_range(subject: JointUnderCalibration) -> str:
 
 MARGIN_RAD = math.radians(2.0)
 
-_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; closer than that has returned
+_RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; a closer joint has returned
 
 
 class CalibrationStage(StrEnum):

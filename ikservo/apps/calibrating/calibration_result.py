@@ -32,7 +32,7 @@ _SAME_WIDTH = {"rad": math.radians(1.0), "m": 0.0005}
 
 @dataclass(frozen=True, slots=True)
 class MeasuredJoint:
-    """A joint's mounting and travel.
+    """The measured sign, zero and travel of a joint.
 
     Attributes:
         joint_map: The sign and zero of the joint, in bare ticks; in reported ticks after
@@ -52,7 +52,7 @@ class MeasuredJoint:
         return MeasuredJoint(moved, travel, self.swept)
 
     def range_inside_margin(self, margin_rad: float) -> tuple[float, float] | None:
-        """Compute the range without a margin at both ends; None if the range was not recorded."""
+        """Return the range, less a margin at both ends; None if the range was not recorded."""
         if self.swept == "not swept":
             return None
         margin = margin_rad / self.joint_map.horn_rad_per_tick
@@ -74,7 +74,7 @@ class MeasuredJoint:
 
 
 def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
-    """Measure the mounting and travel of a joint, in bare ticks.
+    """Return the sign, zero and travel of a joint, in bare ticks.
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
@@ -93,7 +93,7 @@ def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> Me
 
 
 def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: float) -> TickRange:
-    """Return a travel, moved by full revolutions so that it contains the reference tick."""
+    """Return a travel, shifted by full revolutions so that it contains the reference tick."""
     shift = 0
     if subject.ticks_per_turn:
         middle = (known.low + known.high) // 2
@@ -116,7 +116,7 @@ RegisterValues = Mapping[int, Mapping[str, int]]
 
 @dataclass(frozen=True, slots=True)
 class CalibrationMetadata:
-    """The data of a calibration file without the joints."""
+    """The data of a calibration file other than its joints."""
 
     arm: str
     written: datetime
@@ -210,7 +210,7 @@ def _choose_offsets(
     homing: Homing,
     travel: TickRange,
 ) -> list[tuple[int, int]]:
-    """Choose offsets with which the shadows of a joint report the ticks of its first servo."""
+    """Choose the offsets that make the shadows of a joint report the ticks of its first servo."""
     rows = [(subject.servo_id, homing.offset)]
     reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:

@@ -1,4 +1,4 @@
-"""A calibration session by hand: torque off, joint readings, save, adopt, merge."""
+"""A calibration session with torque off: read joints, and save, adopt or merge calibrations."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class TorqueOffArm:
 
     @property
     def journal_path(self) -> Path:
-        """The path of the journal of a write."""
+        """The path of the journal of an interrupted write."""
         return journal_path(self.model.name, self.serial_number)
 
     @property
@@ -226,7 +226,7 @@ class TorqueOffArm:
 def open_torque_off(
     model: Model, port: str | None, *, settled: bool = True
 ) -> Generator[TorqueOffArm]:
-    """Open an arm for calibration; torque stays as it is, and a signal lets a write end.
+    """Open an arm for calibration; torque is not changed, and a signal waits for a running write.
 
     Args:
         model: The arm.
@@ -264,7 +264,7 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
 
 
 def register_differences(loose: TorqueOffArm) -> list[RegisterMismatch]:
-    """Return the registers that differ from the file."""
+    """Return the servo registers that differ from the calibration file."""
     return list(register_mismatches(load_own_calibration(loose), loose.facts))
 
 
@@ -294,7 +294,7 @@ def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
 
 
 def push_calibration(loose: TorqueOffArm) -> Path:
-    """Write the file's registers into the servos; torque is switched off first.
+    """Write the file's register values into the servos; torque is switched off first.
 
     Raises:
         CalibrationError: There is no file, or its servos differ from those in the arm file.
@@ -307,7 +307,7 @@ def push_calibration(loose: TorqueOffArm) -> Path:
 
 
 def pull_calibration(loose: TorqueOffArm) -> Path:
-    """Write the servos' registers into the file; zeros and travels move with the offsets.
+    """Write the servos' register values into the file; zeros and travels shift with the offsets.
 
     Raises:
         CalibrationError: There is no file, its servos differ from those in the arm file, the count

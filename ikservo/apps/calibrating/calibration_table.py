@@ -45,7 +45,7 @@ def _zero(joint: CalibratedJoint) -> str:
 
 
 def _sign(joint: CalibratedJoint) -> str:
-    return "as the joint" if joint.sign == 1 else "against it"
+    return "with the joint" if joint.sign == 1 else "against it"
 
 
 def _range(joint: CalibratedJoint) -> str:

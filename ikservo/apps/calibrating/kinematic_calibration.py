@@ -54,8 +54,8 @@ def unknown_points(touches: Sequence[TouchPoint]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(touch.point for touch in touches if touch.position_m is None))
 
 
-# Standard deviations before the first touch, for a zero set by eye, printed links, and a sheet
-# whose edge is aligned with the arm.
+# Prior standard deviations for a zero set by eye, printed links, and a sheet whose edge is
+# aligned with the arm.
 ZERO_RAD, ZERO_M = math.radians(3.0), 0.002
 BASE_M, BASE_RAD = 0.004, math.radians(1.0)
 ORIGIN_M = 0.0012
@@ -89,7 +89,7 @@ class Parameter:
     Attributes:
         name: The name, such as ``elbow_flex zero``, ``base x`` or ``elbow_flex origin z``.
         unit: rad or m.
-        prior: The standard deviation before any touch, rad or m.
+        prior: The prior standard deviation, rad or m.
         free: Whether it is estimated.
     """
 
@@ -104,7 +104,7 @@ class ParameterVector:
 
     Args:
         chain: The arm as described.
-        extent: The estimated parameters; the others stay zero.
+        extent: The set of estimated parameters; the others stay zero.
         points: Names of the unmeasured points.
     """
 
@@ -159,8 +159,8 @@ class LeastSquaresProblem:
 
     Attributes:
         layout: The meaning of the vector.
-        prior: Standard deviations (x,) of the free parameters, before any touch.
-        start: The start of the search for x: unmeasured points at the mean of their touches.
+        prior: Prior standard deviations (x,) of the free parameters.
+        start: Initial value of x; unmeasured points start at the mean of their touches.
     """
 
     def __init__(self, chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet) -> None:
@@ -175,7 +175,7 @@ class LeastSquaresProblem:
         self.start: Vector = self._middle[self.layout.free]
 
     def values(self, x: Vector) -> Vector:
-        """Compute the whole vector (k,)."""
+        """Return the full vector (k,) for the free parameters x."""
         values = np.zeros(len(self.layout.free))
         values[self.layout.free] = x
         return values

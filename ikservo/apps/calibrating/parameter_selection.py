@@ -52,12 +52,12 @@ class CalibrationEstimate:
 
     @property
     def before_m(self) -> float:
-        """The error on held-out touches if nothing is changed."""
+        """The RMS error on held-out touches if nothing is changed, m."""
         return self.cross_validation_rms_m[ParameterSet.NONE]
 
     @property
     def after_m(self) -> float:
-        """The error on held-out touches."""
+        """The RMS error on held-out touches after the fit, m."""
         return self.cross_validation_rms_m[self.extent]
 
     @property
@@ -91,7 +91,7 @@ def select_and_fit(
             fit must have a smaller error.
 
     Raises:
-        CalibrationError: Too few touches, or a third of them contradicts the others.
+        CalibrationError: Too few touches, or a third of them contradict the others.
     """
     if len(touches) < MIN_TOUCHES:
         raise CalibrationError(

@@ -1,8 +1,8 @@
 """Range tracking of one joint: unwrapped ticks, standstill and end-stop detection.
 
-No single sign of a stop is reliable: a joint stands still because it has not started to move;
-its load is high because it lifts something; it lags because the bus was busy. A stop is found only
-if the joint rests for a while, well behind its goal, with its servo near its maximum load.
+No single sign of a stop is reliable: a joint may stand still because it has not started to move,
+its load may be high because it lifts something, and it may lag because the bus is busy. A stop is
+found only if the joint rests for a while, far behind its goal, with its servo near maximum load.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class RangeTracker:
 
     @classmethod
     def start_at(cls, ticks_per_turn: int, tick: int, at_s: float) -> RangeTracker:
-        """Return a track that begins at a tick."""
+        """Return a tracker that starts at a tick."""
         return cls(ticks_per_turn, tick, tick, tick, at_s)
 
     @property
@@ -50,7 +50,7 @@ class RangeTracker:
         return self.high - self.low
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
-        """Add a reading to the track."""
+        """Add a reading."""
         tick = unwrap(self.tick, reading, self.ticks_per_turn) if self.ticks_per_turn else reading
         jumped = self.ticks_per_turn and abs(tick - self.tick) > _MAX_STEP
         other_direction = self.ticks_per_turn - abs(tick - self.tick)
@@ -65,16 +65,16 @@ class RangeTracker:
         )
 
     def update_unwrapped(self, tick: int, at_s: float) -> RangeTracker:
-        """Add a reading that is already unwrapped to the track."""
+        """Add a reading that is already unwrapped."""
         low, high = min(self.low, tick), max(self.high, tick)
         return replace(self, tick=tick, low=low, high=high, at_s=at_s)
 
     def restarted(self) -> RangeTracker:
-        """Return a track whose range contains only the present tick; unwrapping continues."""
+        """Return a tracker whose range contains only the present tick; unwrapping continues."""
         return replace(self, low=self.tick, high=self.tick, lost=False)
 
     def with_range_of(self, earlier: RangeTracker) -> RangeTracker:
-        """Return the track at its present tick with the range of an earlier track."""
+        """Return the tracker at its present tick with the range of an earlier tracker."""
         lost = self.lost or earlier.lost
         return replace(self, low=earlier.low, high=earlier.high, lost=lost)
 

@@ -32,7 +32,7 @@ from ikservo.maintenance.dialogue import (
 )
 
 TOUCH_ANSWERS = ("touch", "skip", "undo", ACCEPT)
-_DETERMINED = 0.5  # a parameter is identified if its deviation is below this part of the prior
+_DETERMINED = 0.5  # a parameter is identified if its deviation is below this fraction of the prior
 
 
 def read_touch_script(path: Path) -> list[str]:
@@ -191,7 +191,7 @@ def estimate_fields(state: TouchOffState, found: CalibrationEstimate) -> dict[st
 
 
 def _estimated_parameters(found: CalibrationEstimate) -> list[tuple[Parameter, float, float]]:
-    """Compute each estimated parameter with its value and standard deviation."""
+    """Return each estimated parameter with its value and standard deviation."""
     fit = found.fit
     deviations = np.sqrt(np.diag(fit.covariance))
     rows = zip(fit.layout.parameters, fit.values.tolist(), deviations.tolist(), strict=True)

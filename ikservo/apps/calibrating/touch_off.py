@@ -60,7 +60,7 @@ class TouchOffSession:
         self.maps: tuple[JointMap, ...] = tuple(own.joint_map(joint) for joint in joints)
 
     def start_touch_off(self, targets: Sequence[TouchTarget]) -> TouchOffState:
-        """Return the initial state of a touch-off at some points."""
+        """Return the initial state of a touch-off at the given points."""
         return TouchOffState.begin(self.chain, self.present, self.maps, targets)
 
     def reachable_targets(self, targets: Sequence[TouchTarget]) -> list[TouchTarget]:

@@ -26,10 +26,10 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model.arm_model import Model
 from ikservo.model.tool import view_axes
 
-WIDE_M, HIGH_M = 0.297, 0.210  # A4; its long edge is at the arm
+WIDE_M, HIGH_M = 0.297, 0.210  # A4 with a long edge towards the arm
 EDGE_M = 0.030  # distance from the near edge to the first row
 STEP_M = 0.050
-ROWS, COLUMNS = "1234", "ABCDE"  # rows count away from the arm, columns from its left to right
+ROWS, COLUMNS = "1234", "ABCDE"  # rows count away from the arm, columns from left to right
 
 _MIN_DISTANCE_M = 0.05
 _MIDDLE_M = EDGE_M + 0.5 * STEP_M * (len(ROWS) - 1)
@@ -72,7 +72,7 @@ def place_sheet(
         block_m: The height of a block that stands on every other cross; None without one.
 
     Returns:
-        The distance of the near edge [m], and the places in the order in which to touch them.
+        The distance of the near edge [m], and the targets in the order of touching.
     """
     ahead, left, up = view_axes(model)
     reach_m = float(ahead @ model.chain.forward(model.chain_pose("home"))[:3, 3])
@@ -101,7 +101,7 @@ class TouchOffState:
         touches: The recorded touches.
         stillness: The readings of the last half second.
         ticks: The ticks of the last touch, by servo id; empty before the first.
-        found: The result of the touches, once they are evaluated.
+        found: The estimate from the touches, once they are evaluated.
         before: The state before the last input.
     """
 

@@ -158,7 +158,7 @@ class ArmCamera:
         """Return at most eight coloured blocks that stand on the table; ``pick`` takes them.
 
         Raises:
-            CalibrationError: The errors of ``picture``.
+            CalibrationError: See ``picture``.
         """
         return find_blocks(self.model(), self.picture(), table_m(self._context.model))
 
@@ -166,14 +166,14 @@ class ArmCamera:
         """Return the coloured block that a pixel (u, v) shows.
 
         Raises:
-            InputError: It shows none.
-            CalibrationError: The errors of ``picture``.
+            InputError: The pixel shows no block.
+            CalibrationError: See ``picture``.
         """
         z_m = table_m(self._context.model)
         return find_block_at(self.model(), self.picture(), z_m, u, v)
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
-        """Return the pixel (u, v) of a point (3,), metres, base frame, perhaps outside the picture.
+        """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps out of the picture.
 
         Raises:
             BadValueError: The point is not finite.

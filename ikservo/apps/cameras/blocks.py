@@ -1,4 +1,4 @@
-"""Coloured blocks on the table, from a picture of a calibrated camera; nothing is learnt."""
+"""Find coloured blocks on the table in a picture of a calibrated camera; no trained model."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.scene_file import KeepOutShape, make_shape
 
 _MAX_BLOCKS = 8
-_MAX_OUTLINES = 30  # that are fitted, the largest first
+_MAX_OUTLINES = 30  # the largest outlines, to which blocks are fitted
 _HUES = {"red": 0, "orange": 14, "yellow": 28, "green": 60, "cyan": 90, "blue": 115, "purple": 145}
 _ALL_HUES = 180  # OpenCV counts hues in steps of 2 degrees
 _MIN_SATURATION = 90  # of 255; less is grey
 _MIN_VALUE = 40  # of 255; less is black
-_MIN_WIDTH_PX = 12.0  # of a block in the picture
+_MIN_WIDTH_PX = 12.0  # smallest width of a block in the picture
 _MAX_SIDE_M = 0.15  # the longest side of a block
-_MAX_EVALUATIONS = 100  # of one fit
-_YAWS_RAD = np.radians([0.0, 22.5, 45.0, 67.5])  # with which fits begin
+_MAX_EVALUATIONS = 100  # largest number of evaluations in a fit
+_YAWS_RAD = np.radians([0.0, 22.5, 45.0, 67.5])  # initial values of the fits
 _ANGLES_RAD = np.arange(0.0, math.tau, math.tau / 32)
 _DIRECTIONS = np.array([np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)])
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
-_PRIOR_PX = 0.7  # a block is a cube, if the picture does not tell
-_MAX_ERROR_PX = 1.5  # of an outline
-_MAX_ERROR_SHARE = 0.015  # of an outline, as a fraction of the block; is added
+_PRIOR_PX = 0.7  # weight of the prior that a block is a cube, pixels per ratio of its sides
+_MAX_ERROR_PX = 1.5  # largest error of a fitted outline
+_MAX_ERROR_SHARE = 0.015  # added to that error, as a fraction of the block's size
 
 
 def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[KeepOutShape]:
@@ -38,7 +38,7 @@ def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[Ke
     Returns:
         Upright boxes in the base frame, each named after its colour; none in a grey picture.
     """
-    import cv2 as opencv  # noqa: PLC0415  # of the extra `camera`
+    import cv2 as opencv  # noqa: PLC0415  # from the extra `camera`
 
     if picture.ndim == 2:
         return []
@@ -65,7 +65,7 @@ def find_block_at(
     """Return the block that a pixel (u, v) shows; see ``find_blocks``.
 
     Raises:
-        InputError: It shows none.
+        InputError: The pixel shows no block.
     """
     ray, blocks = model.ray(u, v), find_blocks(model, picture, table_m)
     nearest = min(blocks, key=lambda each: ray.distance_to_thing_m(each.row), default=None)
@@ -78,7 +78,7 @@ def _fit_block(
     model: CameraModel, outline_px: Matrix, table_m: float, name: str
 ) -> KeepOutShape | None:
     """Fit an upright box on the table to an outline (n, 2); None if it has another shape."""
-    from scipy.optimize import least_squares  # noqa: PLC0415  # takes longer than a command
+    from scipy.optimize import least_squares  # noqa: PLC0415  # slow to import
 
     try:
         middle = model.ray(*outline_px.mean(axis=0).tolist())
@@ -87,7 +87,7 @@ def _fit_block(
     distance_m, extent_px = middle.distance_to_level_m(table_m), np.ptp(outline_px, axis=0)
     if extent_px.min() < _MIN_WIDTH_PX or not math.isfinite(distance_m):
         return None
-    reach_px = (outline_px @ _DIRECTIONS).max(axis=0) + 0.5  # to the edge of the last pixels
+    reach_px = (outline_px @ _DIRECTIONS).max(axis=0) + 0.5  # the outer edge of the last pixels
     side_m = float(extent_px.mean()) * distance_m / float(model.lens.matrix[0, 0]) / 1.5
 
     def errors(p: Vector) -> Vector:

@@ -178,7 +178,7 @@ class Board:
 
 
 def _pdf(objects: list[str]) -> bytes:
-    """Return a PDF file with some objects, the catalogue first."""
+    """Return a PDF file that contains the given objects, the catalogue first."""
     parts, starts = ["%PDF-1.4\n"], list[int]()
     for number, body in enumerate(objects, start=1):
         starts.append(sum(map(len, parts)))

@@ -99,14 +99,14 @@ class CameraResult:
     def tip_shows(self) -> str | None:
         """Name of the last joint if its zero leaves the tip uncertain; otherwise None."""
         chain = self.estimate.fit.bending.dynamics.chain
-        swing_m = np.linalg.norm(chain.jacobian(np.zeros(chain.dof))[:3, -1])  # per rad of it
+        swing_m = np.linalg.norm(chain.jacobian(np.zeros(chain.dof))[:3, -1])  # per joint rad
         is_open = self.estimate.zero_deviations[-1] * swing_m > _TIP_M
         return chain.names[-1] if is_open and chain.kinds[-1] is JointType.REVOLUTE else None
 
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """The known facts about an arm before the pictures.
+    """An arm as it was before the pictures were taken.
 
     Attributes:
         model: The arm file's model.
@@ -118,7 +118,7 @@ class ArmBefore:
 
     @classmethod
     def of(cls, arm: Arm) -> ArmBefore:
-        """Return the known facts about an open arm.
+        """Return the model and the calibration of an open arm.
 
         Raises:
             CalibrationError: The arm has no calibration to correct.
@@ -136,7 +136,7 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return the parameters that a camera may determine: only its pose if there are others.
+        """Return the parameters that a camera may estimate: only its own pose if there are others.
 
         The other cameras were calibrated with the arm's present zeros and compliances. A hand
         carries the arm's weight, so a calibration by hand does not show how links bend.
@@ -300,7 +300,7 @@ class CameraCalibration:
         """
         self._began_s = self._arm.clock.now_s()
         self._arm.enable()  # an arm that is held or lies on a table bends differently
-        self._keep(self._take())  # nothing moves until the board was seen
+        self._keep(self._take())  # nothing moves until the board has been seen
         home = self._pictures.joints[0]
         # Postures around the first one, with each joint moved once to either side.
         signs = np.diag(np.resize([1.0, -1.0], len(home)))
@@ -345,7 +345,7 @@ class CameraCalibration:
         try:
             self._move(q)
         except RefusedError:
-            return False  # something is in the way
+            return False  # an obstacle is in the way
         picture = self._take()  # nothing moves without a fresh picture
         try:
             self._keep(picture)
@@ -389,7 +389,7 @@ class CameraCalibration:
         return picture
 
     def _keep(self, picture: Picture) -> None:
-        """Keep the view of the board in a picture with the measured joints.
+        """Store the view of the board in a picture with the measured joints.
 
         Raises:
             CalibrationError: The board is not seen.

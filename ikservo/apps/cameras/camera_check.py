@@ -71,7 +71,7 @@ def check_camera(
     within_mm: float | None = None,
     name: str = "",
 ) -> tuple[CameraCheck, BoardPlace]:
-    """Look at the board, and save whether the camera has moved; the arm does not move.
+    """Measure the board, and save whether the camera has moved; the arm does not move.
 
     Args:
         arm: The arm in front of the camera.

@@ -135,7 +135,7 @@ def command(
         _set_tip_zero(arm, port, [_parse_pixel(each) for each in at], camera_name, json=json)
         return
     if camera is None:
-        raise InputError("Which camera?", "Add: --camera 0")
+        raise InputError("The camera is not given.", "Add: --camera 0")
     if within is not None and not 0.0 < within < 1.0:
         raise BadValueError("--within", within, "a length above 0 and below 1 m")
     _check(arm, port, camera, camera_name, Board.named(board), within,
@@ -230,10 +230,10 @@ def _compare(
         )
     else:
         where = "on the table" if place.on_table else "on the gripper"
-        stands = "has moved" if check.has_moved else "stands where it was calibrated"
+        moved = "has moved" if check.has_moved else "has not moved"
         print_lines([
-            f"The camera {stands}. The board {where} shows it {check.moved_mm:.1f} mm and "
-            f"{check.turned_deg:.2f}° away; the board is {check.off_mm:.1f} mm from where it was."
+            f"The camera {moved}. By the board {where}, its pose is off by {check.moved_mm:.1f} mm "
+            f"and {check.turned_deg:.2f}°; the board appears {check.off_mm:.1f} mm from its place."
         ])  # fmt: skip
     if check.has_moved:
         print_status("Put it back and check again, or calibrate again.")

@@ -16,7 +16,7 @@ from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
 SIMULATED = "sim"
-"""Replacement for the adapter's serial number of a simulated arm."""
+"""Key of a simulated arm, which has no adapter with a serial number."""
 
 _HEADER = "# Facts about an arm's camera that are not in its calibration; written by ikservo.\n"
 

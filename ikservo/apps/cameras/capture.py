@@ -66,7 +66,7 @@ def open_capture(source: str) -> Capture:
     cv2 = _silent_opencv()
     if source.isdecimal():
         return cv2.VideoCapture(min(int(source[:10]), _LARGEST))
-    if "://" not in source and os.path.exists(source):  # noqa: PTH110  # never raises
+    if "://" not in source and os.path.exists(source):  # noqa: PTH110  # unlike Path, never raises
         return cv2.VideoCapture(source)
     return AddressCapture(source)
 

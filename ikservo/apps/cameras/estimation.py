@@ -108,7 +108,7 @@ class FittedParameter:
         unit: rad, rad/N m; m and m/N for a prismatic joint.
         value: The estimate.
         deviation: The standard deviation of the estimate.
-        prior: The standard deviation before any picture.
+        prior: The prior standard deviation.
     """
 
     name: str
@@ -137,9 +137,9 @@ _POSES = 12 + 1 + 6  # parameters before those of the arm: two poses, the scale 
 # The components of a residual, and the component of each of its rows.
 _ACROSS, _DEPTH, _TILT, _TURN = range(4)
 _COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
-_DETERMINED = math.sqrt(0.5)  # of the prior deviation: prior and pictures tell equally much
-# Only the bending of the arm distinguishes the zero of the last joint from the mount of the board;
-# with half of the prior deviation, the zero was 5° wrong.
+_DETERMINED = math.sqrt(0.5)  # of the prior deviation: prior and pictures weigh equally there
+# Only the bending of the arm distinguishes the zero of the last joint from the mount of the board.
+# Its deviation must therefore be smaller: at half of the prior deviation, the zero was 5° wrong.
 _LAST_DETERMINED = 0.1
 _START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # initial deviations: m, m, rad, rad
 _ASSUMED = 6.0  # the ratios of the initial deviations count like this many samples
@@ -161,7 +161,7 @@ _START_SAMPLES = 5  # number of samples in each subset
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
-    """The estimated poses and parameters of the arm; a step adds to them."""
+    """The estimated poses and arm parameters; a step of the minimisation is added to them."""
 
     camera: Matrix
     board: Matrix
@@ -188,8 +188,8 @@ class CameraFit:
         extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
-        scale: The relative excess of the board's distance, because it was printed larger than
-            stated.
+        scale: The relative excess of the board's distance that results from printing it larger
+            than stated.
         lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if the lens is known.
         zeros: The offsets of the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
@@ -370,7 +370,7 @@ def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple
     """Compute the information from pictures about all parameters except the backlash.
 
     Args:
-        fit: The present knowledge of camera and arm.
+        fit: The present estimate of camera and arm.
         samples: Boards (n) at their expected poses.
 
     Returns:
@@ -389,7 +389,7 @@ def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
     """
     squares = problem.squares(state)
     typical = max(float(np.median(squares)), _EXPECTED)
-    for power in (2.0,) * _ROUNDS + (1.0,) * _ROUNDS:  # first without the outliers, then with most
+    for power in (2.0,) * _ROUNDS + (1.0,) * _ROUNDS:  # outliers weigh little at first, then more
         weight = (1.0 + squares / (2.0 * typical)) ** -power
         state = problem.minimise(state, _START_SIGMA, weight)
         squares = problem.squares(state)
@@ -450,7 +450,7 @@ class _Problem:
     def leave_undetermined(self, state: _State, sigma: Vector, weight: Vector) -> _State:
         """Keep the prior of undetermined parameters, the least determined first.
 
-        If two parameters cannot be told apart, one keeps its prior, and the other is then
+        If two parameters cannot be distinguished, one keeps its prior, and the other is then
         determined.
         """
         curvature = self._equations(state, sigma, weight).curvature

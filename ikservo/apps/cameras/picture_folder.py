@@ -53,7 +53,7 @@ class PictureIndex(StrictModel):
 
 
 class PictureFolder:
-    """Keeps pictures in a new folder as they are taken, so that a failure loses none of them.
+    """Saves pictures in a new folder as they are taken, so that a failure loses none of them.
 
     Args:
         path: The folder.
@@ -88,7 +88,7 @@ class PictureFolder:
         Raises:
             FileWriteError: The disk is full or not writable; earlier pictures are kept.
         """
-        import cv2  # noqa: PLC0415  # of the extra `camera`
+        import cv2  # noqa: PLC0415  # from the extra `camera`
 
         before = self._index.pictures
         file = f"picture-{len(before) + 1:03}.png"
@@ -124,7 +124,7 @@ class SavedPictures:
         Raises:
             FileFormatError: A picture is missing, too large or damaged.
         """
-        import cv2  # noqa: PLC0415  # of the extra `camera`
+        import cv2  # noqa: PLC0415  # from the extra `camera`
 
         for saved in self.index.pictures:
             path = self.folder / saved.file

@@ -33,7 +33,7 @@ SAME_PICTURE = (
     "The camera delivers the same picture again and again.",
     "Unplug the camera and plug it in again.",
 )
-"""Message and hint for a camera that hangs."""
+"""Message and hint for a camera that no longer delivers new pictures."""
 
 
 class PictureSource(Protocol):
@@ -162,7 +162,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
         PictureError: The board is missing, incomplete, blurred, mirrored or of another kind; the
             message says which.
     """
-    import cv2  # noqa: PLC0415  # of the extra `camera`
+    import cv2  # noqa: PLC0415  # from the extra `camera`
 
     grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     corners, ids, markers = _detect(board, grey)
@@ -189,7 +189,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
     Raises:
         CalibrationError: The views do not suffice.
     """
-    import cv2  # noqa: PLC0415  # of the extra `camera`
+    import cv2  # noqa: PLC0415  # from the extra `camera`
 
     cv = cast("Any", cv2)  # the type stubs are incomplete
     if not views:
@@ -246,7 +246,7 @@ def lens_terms(
         corners_m: The corners in the board frame.
         view: The view of the corners; None if they are exactly at their expected places.
     """
-    import cv2  # noqa: PLC0415  # of the extra `camera`
+    import cv2  # noqa: PLC0415  # from the extra `camera`
 
     from_origin = corners_m @ T[:3, :3].T
     project = cast("Any", cv2).projectPoints  # missing from its stubs
@@ -281,7 +281,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
     Raises:
         PictureError: No pose fits the corners.
     """
-    import cv2  # noqa: PLC0415  # of the extra `camera`
+    import cv2  # noqa: PLC0415  # from the extra `camera`
 
     points = board.corners_m()[view.ids]
     count, turns, places, errors = cv2.solvePnPGeneric(
@@ -297,7 +297,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
 
 def _detect(board: Board, grey: Picture) -> tuple[Matrix, NDArray[np.int64], int]:
     """Return the corners (k, 2), their ids (k,), and the number of markers seen."""
-    import cv2  # noqa: PLC0415  # of the extra `camera`
+    import cv2  # noqa: PLC0415  # from the extra `camera`
 
     corners, ids, _, markers = cv2.aruco.CharucoDetector(board.opencv()).detectBoard(grey)
     seen = 0 if markers is None else len(markers)

@@ -57,7 +57,7 @@ def choose_postures(
 
     Args:
         board: The board on the gripper.
-        fit: The present knowledge of camera and arm.
+        fit: The present estimate of camera and arm.
         intrinsics: The present estimate of the camera's intrinsics.
         candidates: Postures (n, dof) from which to choose.
         done: Postures (m, dof) of the existing pictures.

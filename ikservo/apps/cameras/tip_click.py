@@ -1,6 +1,6 @@
 """The zero of the last joint from clicks on the tip in the picture of a calibrated camera.
 
-A board on the gripper cannot distinguish that zero from the way in which the board was fixed; the
+Pictures of a board on the gripper cannot distinguish that zero from the mount of the board; the
 tip can. The zero moves the tip along an arc in the picture; the point on the arc nearest to the
 click is used. Clicks are stored with the camera, and their mean is used, because click errors
 average out. The error of the camera does not.
@@ -40,7 +40,7 @@ _OFF_MM = 3.0  # distance of a good click from the arc, in addition to the camer
 # Number of postures tried per joint, and their least distance from the present posture.
 _POSTURES, _APART_RAD = 37, math.radians(20.0)
 _EDGE_PX = 30.0  # margin of the picture in which no next click is proposed
-# A click needs an arm at rest, which in this time moves by at most a tick of noise.
+# A click needs an arm at rest: in this time, its joints move by at most a tick of noise.
 _STANDS = StillnessDetector(window_s=0.3, tolerance=math.radians(0.1), least_readings=2)
 _SAME_TICK = 0.01
 
@@ -240,7 +240,7 @@ def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], 
         weight = counts / (click**2 + camera**2)
         total, others = weight.sum(), np.maximum(weight.sum() - weight, 1e-12)
         mean_deg = float(weight @ off / total)
-        doubt = np.abs(off - mean_deg) * np.sqrt(weight * total / others)  # from their mean
+        doubt = np.abs(off - mean_deg) * np.sqrt(weight * total / others)  # from the others' mean
         is_doubtful = bool(doubt.max() > _DOUBTFUL)
         if not is_doubtful or counts.sum() == 2:
             scatter = weight @ (off - mean_deg) ** 2 / max(counts.sum() - 1, 1)
@@ -296,10 +296,10 @@ def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.
 
 
 def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
-    """Return advice on the joint to move, given all joints (n,), to show the zero best.
+    """Return advice on which joint to move, given all joints (n,), to show the zero best.
 
-    A click has a smaller error nearer to the camera and depends on the direction of the fingers; in
-    another posture, the camera has another error. The advice is empty if no joint helps.
+    A click has a smaller error nearer to the camera, and its error depends on the direction of the
+    fingers and on the camera's error, which differs by posture. Empty if no joint helps.
     """
     chain, index, checker = arm.chain, arm.joint_index, arm.context.checked_collision
     low, high = (np.clip(each, -math.pi, math.pi) for each in arm.context.limits())

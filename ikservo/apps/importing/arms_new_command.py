@@ -175,7 +175,7 @@ def command(  # one parameter per option
         options,
         port,
     )
-    with exiting_on_signals():  # switches the torque of a moved servo off
+    with exiting_on_signals():  # which then switches the torque of a moved servo off
         drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
     written = [] if dry_run else write_drafts(drafts, folder)
     _print_drafts(drafts, written, folder, json=json)
@@ -278,5 +278,5 @@ def _print_drafts(
                 if not name.startswith("meshes/"):
                     print_lines(content.decode().splitlines())
     for path in written:
-        print_lines([f"Written to {path}/; {path / 'import.md'} has every decision."])
+        print_lines([f"Written to {path}/; {path / 'import.md'} lists every decision."])
         print_status(f"Try it: ikservo view --arm {path}/ --port sim")

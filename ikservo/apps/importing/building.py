@@ -189,7 +189,7 @@ def _shape_draft(
 def _add_servos(
     draft: ArmDraft, gripper: str, options: ImportOptions, own: Sequence[str], taken_ids: set[int]
 ) -> None:
-    """Add the joints with their servos: as given by the user, or one each with the next id."""
+    """Add the joints with the user's servos, or with one servo each that has the next free id."""
     note = draft.decisions.append
     model, why = _servo_model(draft, options)
     if not options.servos:
@@ -296,7 +296,7 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
 
 
 def _loads_nm(draft: ArmDraft, options: ImportOptions) -> dict[str, float]:
-    """Return the weight at each servo in its heaviest posture; empty without masses."""
+    """Return the largest gravity torque at each servo, N m; empty without masses."""
     chain = build_chain(draft.urdf, draft.tip)
     model = Model.from_geometry(draft.name, draft.name, chain, draft.urdf, Path())
     masses = link_masses(model, chain)

@@ -15,8 +15,8 @@ _MAX_CHARS = 32 * 1024 * 1024  # with every instance expanded
 def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> None:
     """Refuse a scene that is too large to be read with all its instances expanded.
 
-    A node may instance another node several times, and that node may do the same, so thirty lines
-    can make a billion surfaces.
+    A node may instantiate another node several times, and that node may do the same, so thirty
+    lines can make a billion surfaces.
 
     Args:
         path: The origin of the data, for messages.

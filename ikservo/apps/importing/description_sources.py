@@ -129,7 +129,7 @@ def read_foreign(
         packages: Folders of packages, by name.
         arguments: Arguments of a xacro, by name.
         allow_xacro: Whether the expressions of a xacro may be run.
-        folder: The folder that may be read; None: that of its package, or its own.
+        folder: The folder whose files may be read; None: that of its package, or else its own.
 
     Raises:
         FileFormatError: The description cannot be used; the message names the place and the cause.
@@ -167,7 +167,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Repair common faults of published files that no arm file may have; return notes on them."""
+    """Repair common faults of published files that an arm file may not have; return notes."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
     notes: list[str] = []
     for joint in joints:
@@ -195,7 +195,7 @@ def _make_readable(root: XmlElement) -> list[str]:
 
 
 def _repair_mimics(joints: Sequence[XmlElement]) -> Iterator[str]:
-    """Let a joint that follows a follower follow its leader; drop mimics without a leader."""
+    """Redirect each mimic of a mimic to the joint that leads both; drop mimics without a leader."""
     by_name = {joint.attributes["name"]: joint for joint in joints}
     for name, joint in by_name.items():
         mimic = next(iter(joint.child_elements("mimic")), None)

@@ -13,8 +13,8 @@ from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS
 
 _EDGE = 0.001  # distance of poses from the limits, as a fraction of the range
-_JOINTS_IN_LINE = 32  # a pose of more joints has one line per joint
-_USED_TURN = 0.8  # part of a servo's turn that moves a slide with an unknown gear over its range
+_JOINTS_IN_LINE = 32  # a pose with more joints has one line per joint
+_USED_TURN = 0.8  # fraction of a servo's turn that is assumed to move a slide over its range
 _BAUD = {"feetech_sts": 1_000_000, "feetech_scs": 1_000_000, "dynamixel_2": 1_000_000,
          "dynamixel_1": 1_000_000}  # fmt: skip
 # Speeds by name: deg/s, deg/s² and deg/s³.
@@ -168,7 +168,7 @@ class ArmDraft:
         for joint in self.joints:
             body, at = self.joint(joint.name), pose[joint.name]
             edge = min(_EDGE * (body.upper - body.lower), math.radians(0.1))
-            inside = min(max(at, body.lower + edge), body.upper - edge)  # inside when rounded
+            inside = min(max(at, body.lower + edge), body.upper - edge)  # also after rounding
             if joint.m_per_turn is None:
                 turning.append(f"{joint.name} = {round(math.degrees(inside), 2)}")
             else:

@@ -9,17 +9,17 @@ from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
 
-_TRIES, _BATCH = 600, 20  # tried postures, and how many are checked at once
-_ENOUGH_M = 0.01  # room around the body that is enough
-_SHARE = 0.5  # part of a pair's largest room that is enough, if that is less
-_SPREAD = 40  # postures that sample the room of each pair
-_CLEAR_M = 0.001  # room between a link and the table in the link's highest posture
+_TRIES, _BATCH = 600, 20  # number of postures to try, and to check at once
+_ENOUGH_M = 0.01  # clearance of the body that suffices
+_SHARE = 0.5  # fraction of a pair's largest clearance that suffices, if that is less
+_SPREAD = 40  # postures that sample the clearance of each pair
+_CLEAR_M = 0.001  # clearance between a link and the table in the link's highest posture
 _STRAIGHT = 0.4  # fraction of the joints that are tried at zero
-_MAX_RAD = 2.2  # a joint further from zero would be a surprising start
+_MAX_RAD = 2.2  # largest distance of a joint from zero in a start pose
 
 
 def propose_home(model: Model) -> dict[str, float]:
-    """Propose a start pose, rad or m by joint: the tool in front, with much room around the arm.
+    """Propose a start pose, rad or m by joint: the tool in front, with much clearance.
 
     The search is seeded, so the same arm gets the same pose.
     """
@@ -46,10 +46,10 @@ def propose_home(model: Model) -> dict[str, float]:
 
 
 def _first_free(model: Model, postures: Matrix) -> Vector:
-    """Return the first of the postures (n, dof) with enough room, or the one with the most room.
+    """Return the first of the postures (n, dof) with enough clearance, or the one with the most.
 
-    Room is the distance between the links and from the links to the table. A pair of links that is
-    always close needs less of it.
+    Clearance is the distance between the links and from the links to the table. A pair of links
+    that is always close needs less of it.
     """
     capsules = capsules_of(model)
     if not capsules:

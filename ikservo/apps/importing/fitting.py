@@ -119,7 +119,7 @@ def fit_capsules(
     surface = _SampledSurface([merged, *filter(len, near)], max(size_m / _SAMPLES, 1e-6), given)
     parts = _cut_parts(_fit_parts([outside]), surface, allowed_m, moved_m, _COARSE)
     parts = _merge_parts(parts, surface, allowed_m, moved_m)
-    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # the fine sampling finds more
+    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # finds larger distances
     excess_m = max(surface.excess_m(i, parts, moved_m, _FINE) for i in range(len(parts)))
     capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
     return MeshFit(tuple(capsules), excess_m, allowed_m)

@@ -196,9 +196,9 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
 
 
 def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types
-    """Return the collision shapes and the visual shapes of a body, without its surroundings.
+    """Return the collision shapes and the visual shapes of a body.
 
-    Planes and height fields belong to the surroundings.
+    Planes and height fields are left out, because they belong to the surroundings.
 
     Args:
         mujoco: The module `mujoco`.
@@ -342,7 +342,7 @@ class _BodyTreeReader:
         )
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         if count and int(model.jnt_type[first]) == self._mujoco.mjtJoint.mjJNT_FREE:
-            count = 0  # the base of a free robot is fixed at its place
+            count = 0  # the base of a free robot is fixed where it stands
         above, shift_m = self._names[parent], np.zeros(3)
         for joint in range(first, first + count):
             anchor_m = np.array(model.jnt_pos[joint])

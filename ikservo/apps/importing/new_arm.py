@@ -171,7 +171,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
 
 
 def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
-    """Search for a draft's pose ``home``; ``rest`` equals it until that pose is found too."""
+    """Search for a draft's pose ``home``; ``rest`` is the same pose until it is found too."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints
@@ -192,7 +192,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         retracted = {name: draft.joint(name).lower for name in slides}
         draft.poses["retracted"] = {**home, **retracted}
         draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
-                               "of a telescope may overlap as deeply as there.")  # fmt: skip
+                               "of a telescope may overlap as much as in it.")  # fmt: skip
     draft.decisions.append(
         "The pose home is free of collisions, with the tool in front. You can change it."
     )

@@ -155,7 +155,7 @@ def _ask_about(
 
 
 def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
-    """Move a servo slowly to larger ticks and back, then make it limp like all the others.
+    """Move a servo slowly to larger ticks and back, then switch its torque off again.
 
     Each step is reported, so that the caller of the dialogue can end it at any step.
     """

@@ -17,7 +17,7 @@ from ikservo.model.urdf_types import Triple, Urdf, UrdfJoint, UrdfJointType, Urd
 _TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
               "ee_", "flange", "hand", "camera_lens")  # fmt: skip
 _GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc|carriage", re.IGNORECASE)
-_MIN_OWN_JOINTS = 3  # a further arm has at least so many joints of its own
+_MIN_OWN_JOINTS = 3  # a branch is a further arm if it has at least this many joints of its own
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ APP = App(
         ),
         "test": Command(
             "ikservo.apps.lab.test_command",
-            "Measure accuracy and repeatability after ISO 9283.",
+            "Measure accuracy and repeatability to ISO 9283.",
             "Set up",
         ),
         "identify": Command(

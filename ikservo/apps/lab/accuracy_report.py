@@ -196,7 +196,7 @@ _LEGEND = (
     "AP: distance of the mean attained point from the commanded one. RP: mean distance from that "
     "mean plus three standard deviations. vAP: largest distance between the means of approaches "
     "from different directions. AT, RT: the same as AP and RP, largest along a path. dAP, dRP: "
-    "largest change of AP and RP over time. All after ISO 9283:1998, positions only."
+    "largest change of AP and RP over time. All to ISO 9283:1998, positions only."
 )
 _STYLE = """
 :root{color-scheme:light dark;--ink:#1c2430;--dim:#66707f;--line:#d5dae1;--paper:#fff;

@@ -24,7 +24,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motions import MoveArc, MoveLine
 
 PARTS = ("poses", "directions", "paths", "drift")
-"""The parts of the test, in their order."""
+"""The parts of the test, in order."""
 
 SPEEDS_PERCENT = (100, 50, 10)
 STANDARD_CYCLES, STANDARD_PATH_CYCLES, STANDARD_DRIFT_S = 30, 10, 3600.0
@@ -33,7 +33,7 @@ STANDARD_CYCLES, STANDARD_PATH_CYCLES, STANDARD_DRIFT_S = 30, 10, 3600.0
 _DIRECTION_POSES = ("P1", "P2", "P4")
 _APPROACH_OF_EDGE = 0.1
 _PATH_POINTS = 50
-# An arm that lags may not cross planes near the ends.
+# Fraction at each end of a path that is not evaluated, because an arm that lags may not cross it.
 _ENDS = 0.08
 _DRIFT_CYCLES = 10
 

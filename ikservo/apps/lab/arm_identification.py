@@ -56,7 +56,7 @@ class IdentificationRun:
     Attributes:
         arm: The arm.
         dynamics: The dynamics according to the arm file.
-        excitation: The tour; starts and ends in the pose `START_POSE`.
+        excitation: The tour, which starts and ends in the pose `START_POSE`.
     """
 
     arm: Arm
@@ -69,8 +69,8 @@ class IdentificationRun:
 
         Raises:
             CalibrationError: The arm is not calibrated.
-            RefusedError: The motor of a servo is unknown, the arm has no masses, or there is no
-                room.
+            RefusedError: The motor of a servo is unknown, or the arm has no masses or no room to
+                move.
         """
         context = arm.context
         context.require_zeros()
@@ -138,7 +138,7 @@ class IdentificationRun:
         return WeighResult(found, known is not None)
 
     def priors(self) -> list[JointPrior]:
-        """Read the gains in force, and return the priors of the joints' servos."""
+        """Read the present gains, and return the priors of the joints' servos."""
         context = self.arm.context
         names = context.chain.names
         gains = context.servos.drive_reader(names).p_gains()

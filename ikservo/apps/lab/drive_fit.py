@@ -1,10 +1,10 @@
 """Fit motors, position loops and backlash of single joints, from steady motion and swings.
 
-A servo that measures its current reveals its motor: ``u V = R i + kt w``, with the duty u, the
-supply V and the speed w, determines the resistance R and the torque constant kt, which is also the
-back-EMF. The position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error
-e and the start-up force u0; d stands for delays and the D gain between two goals. The speed of the
-motor, by its back-EMF, less that of the joint shows motion within the backlash.
+If a servo measures its current, ``u V = R i + kt w``, with the duty u, the supply V and the speed
+w, determines the motor's resistance R and torque constant kt, which is also the back-EMF. The
+position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error e and the
+start-up force u0; d stands for delays and the D gain between two goals. The speed of the motor, by
+its back-EMF, less that of the joint shows motion within the backlash.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _LOOP_NOISE = 0.004  # least noise of a window's mean duty
 _NOISY_DUTY = 0.015  # noise of a window's mean above which leads are more precise than duties
 _NOISE_ROUNDS = 3  # iterations that find the noise
 _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
-# A slower motor counts as at rest, because one step of the current of an XL330 or STS is as large.
+# A slower motor counts as at rest: one step of an XL330's or STS's current is as large as this.
 _STUCK_RAD_S = 0.01
 # The gears of a joint are unloaded if gravity is below this fraction of its torque at full duty.
 _FREE_SHARE = 0.01
@@ -60,7 +60,7 @@ class JointPrior:
         nominal_v: The supply voltage for which these figures hold.
         per_horn_rad: Motion of the joint per rad of the horns.
         full_duty_share: Relative standard deviation of the torque at full duty.
-        gain: The P gain in force, as a fraction of that of the servo's model; None if it was not
+        gain: The present P gain, as a fraction of that of the servo's model; None if it was not
             read.
     """
 
@@ -99,7 +99,7 @@ class Winding:
     Attributes:
         ohm: The resistance of the winding.
         kt: The torque constant, N m/A.
-        covariance: The covariance of the errors of the two (2, 2).
+        covariance: The covariance (2, 2) of the errors of both.
     """
 
     ohm: float
@@ -242,8 +242,8 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
     """Return windows with their mean duties over time, which balance friction and load.
 
     Servos are read between two goals. There the D gain brakes the joint. At each new goal it drives
-    the joint by as much, for too short a time to be read; the error also falls between goals. If it
-    makes the duties noisy, duties computed from the leads are used.
+    the joint by as much, but too briefly to be read; the error also falls between goals. If the D
+    gain makes the duties noisy, duties computed from the leads are used.
 
     Args:
         windows: The windows that were read.
@@ -264,9 +264,9 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
 def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> DriveRecording:
     """Add signs to the currents of servos that measure only the magnitude.
 
-    The sign is chosen so that the motor's speed, from its back-EMF, is close to the joint's and to
-    its own before and after: the speeds differ while gears cross their backlash, but the rotor has
-    inertia.
+    The sign is chosen so that the motor's speed, from its back-EMF, is close to the joint's speed
+    and to its own speed before and after: motor and joint differ while gears cross their backlash,
+    but the rotor has inertia.
 
     Args:
         recording: The recording that was read.
@@ -346,7 +346,7 @@ def fit_backlash(
     lost = turned - by_joint[:, alike].mean(axis=1)
     value = float(np.median(lost))
     spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
-    gradient = np.array([  # of the backlash by R and kt
+    gradient = np.array([  # derivative of the backlash by R and kt
         -motors.per_horn_rad / motor.kt * np.median(by_amps),
         -np.median(turned) / motor.kt,
     ])  # fmt: skip
@@ -370,7 +370,7 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Cube:
-    """Compute differences between swings (k, places, 3): integrals of volts and amperes, and joint.
+    """Compute differences between swings (k, places, 3): integrals of voltage and current, joint.
 
     Each swing is compared with the swings before and after, so that steady drift cancels. A motor
     whose speed cannot be distinguished from rest counts as stuck, because steps of its sensors

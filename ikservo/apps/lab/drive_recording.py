@@ -14,9 +14,9 @@ Cube = NDArray[np.float64]
 
 _WINDOW_S = 0.2
 _SETTLED_S = 0.12  # wait after a change of speed, until the servo's profile and loop have settled
-_STEADY_RAD_S = 0.004  # allowed change of speed in a window; or 3 % of it
+_STEADY_RAD_S = 0.004  # largest change of speed in a window, or 3 % of the speed if that is more
 _MAX_LAG = 0.25  # largest lag in a window, as a fraction of the travel of its goals
-_MIN_RAD_S = 0.04  # slower shafts stick and slip
+_MIN_RAD_S = 0.04  # slower joints stick and slip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +137,7 @@ def _windows_of(recording: DriveRecording, joint: int) -> list[slice]:
 
 def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[object, ...]:
     times = recording.time_s[window] - recording.time_s[window].mean()
-    # A joint whose load changes does not have the speed of its goals.
+    # A joint whose load changes does not move at the speed of its goals.
     speed = times @ recording.position[window, joint] / (times @ times)
     return (
         joint,

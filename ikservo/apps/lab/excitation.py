@@ -25,19 +25,19 @@ from ikservo.planning.context import ArmContext
 
 _CANDIDATES, _MAX_DRAWS = 12, 400
 _SEED = 1
-_CLEARANCE_M = 0.02  # required distance of the body from everything
+_CLEARANCE_M = 0.02  # required clearance of the body
 _LIMIT_MARGIN = 0.05  # margin at both ends, as a fraction of the range of a joint
 # The motions are slow, but goals may lead loaded joints by as much as in a normal motion. The
 # servos move to each goal slowly, because bursts increase the mean friction of their gears.
 _SPEED_CLASS, _PROFILE_CLASS = "normal", "slow"
-_LEAD_SHARE = 0.75  # of the lead that the guard allows
+_LEAD_SHARE = 0.75  # fraction of the lead that the guard allows
 _HALVINGS = 30
 _HEAVIER = 1.4  # factor for links heavier than in the arm file, or with a payload
 _PATH_STEP = 10  # gravity is evaluated at every tenth sample of a path
 _MAX_WAY = 1.5  # largest motion of a joint between two postures, rad
 _PAUSE_S, _TURN_S = 0.3, 0.05  # pauses in every posture, and between two swings
 _SLOW = 0.3  # speed of the last part of a tour, as a fraction of the class
-# Time between readings: a reading delays the next goal; the goals after it are on time again.
+# Least period of readings, in s and in cycles: a reading delays the goal after it.
 _READ_PERIOD_S, _READ_CYCLES = 0.01, 2.5
 _PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # readings are spread over this part of the cycle
 # Half a servo loop until a goal takes effect, and half a loop of age of a measured value.
@@ -45,7 +45,7 @@ _SERVO_LOOP_S = 0.001
 _SWING_RAD = 0.07  # amplitude of a swing at the horn
 # Draws for the upright posture: first anywhere, then around the best ones in ever smaller spreads.
 _UPRIGHT_DRAWS, _UPRIGHT_SPREADS, _UNLOADED_SHARE = 1200, (0.1, 0.03, 0.01, 0.003), 0.01
-_PRIOR = 1e-3  # of the largest information; directions not excited yet count most
+_PRIOR = 1e-3  # prior, as a fraction of the largest information; favours new directions
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ def plan_excitation(
 def _draw_postures(
     context: ArmContext, dynamics: Dynamics, start: Vector, most: int
 ) -> list[Vector]:
-    """Return the start and the postures (n,) of a tour, each with a free path from the last."""
+    """Return the start and the postures (n,) of a tour, each with a free path from the previous."""
     random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
     postures, way = [start], [start]
     # Information of the postures about the scale of each mass and the payload.
@@ -216,8 +216,8 @@ class _FreeSpace:
     Attributes:
         context: The arm.
         dynamics: The dynamics of its chain.
-        clearance_m: The distance that the body must keep; links beside each other may always be
-            this near.
+        clearance_m: The clearance that the body must keep; neighbouring links may always be this
+            near.
         limits: The kinematic limits of all joints.
         max_torque: Gravity torque (dof,) that the servo of each joint can hold without being judged
             as blocked.

@@ -195,8 +195,8 @@ class Change:
     sigmas: float
 
 
-# Repeated measurements differ by this much although nothing has changed, because of posture,
-# temperature of the grease and supply; the errors of one motion do not contain that.
+# Repeated measurements differ by this much although nothing has changed, because posture, grease
+# temperature and supply vary; the error of a single motion does not include this.
 _REPEATS: Mapping[str, tuple[float, float]] = {  # smallest difference, and fraction of the value
     "backlash_rad": (math.radians(0.05), 0.02),
     "friction_nm": (0.01, 0.10),

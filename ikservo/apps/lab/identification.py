@@ -1,9 +1,9 @@
 """Identify motors, friction, masses and payload of an arm from recordings of its servos.
 
-Torques are only as certain as the torque at full duty. Servos that measure their current reveal it,
-because duty, current and speed determine the torque constant and the resistance (see
-`lab.drive_fit`). For others only the ratios of torques to it are determined, and the nominal value
-sets the scale.
+Torques are only as certain as the torque at full duty. Servos that measure their current determine
+it, because duty, current and speed give the torque constant and the resistance (see
+`lab.drive_fit`). For other servos, only the ratios of torques to it are determined, and its
+nominal value sets the scale.
 
 The parameters are those that explain the duties best (see `lab.duty_model`; nonlinear least squares
 within physical bounds), with a normal prior of each (maximum a posteriori). Standard errors come
@@ -45,8 +45,8 @@ from ikservo.kinematics.dynamics import Dynamics
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
 """A parameter is determined if its standard error is below this fraction of its prior's."""
-_KEPT_ASIDE = 4  # every fourth pair of legs, forth and back, is kept aside
-_MIN_WINDOWS = 12  # per joint
+_KEPT_ASIDE = 4  # every fourth pair of legs, there and back, is held out for validation
+_MIN_WINDOWS = 12  # windows per joint
 _BACKLASH_RAD = 0.02  # prior standard deviation
 _TIGHT = 1e-3  # prior of a parameter that is not estimated
 

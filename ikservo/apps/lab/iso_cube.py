@@ -142,7 +142,7 @@ def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
 
 
 def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector | None:
-    """Follow a line in steps; return the joints (dof,) at its end, None if they cannot follow."""
+    """Follow a line in steps; return the joints (dof,) at its end, None if that is not possible."""
     T = np.eye(4)
     for fraction in np.linspace(0.0, 1.0, _STEPS + 1)[1:].tolist():
         T[:3, 3] = begin_m + fraction * (end_m - begin_m)

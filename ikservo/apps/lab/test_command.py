@@ -120,7 +120,7 @@ def command(
     touches: Touches = 3,
     options: Annotated[MotionOptions, Without("dry_run")],
 ) -> None:
-    """Measure accuracy and repeatability of poses and paths, and drift, after ISO 9283.
+    """Measure accuracy and repeatability of poses and paths, and drift, to ISO 9283.
 
     The arm moves fast, for about half an hour, in a cube of free space in front of it; Ctrl-C stops
     it and keeps the measurements. The figures come from the arm's own joint sensors.

@@ -1,4 +1,4 @@
-"""Measure pose accuracy by hand: the tip is put on known points, where the arm measures it."""
+"""Measure pose accuracy by hand: the tip is put on known points, and the joints are read."""
 
 from __future__ import annotations
 

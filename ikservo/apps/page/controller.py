@@ -545,7 +545,7 @@ class SessionController:
             refused = self._arm_thread.snapshot.refusal
             is_of_goal = refused is not None and refused.goal is goal
             self._interaction.show_path(None, refused if is_of_goal else None)
-        elif self._arm_thread.job is None:  # a path that is carried out stays visible
+        elif self._arm_thread.job is None:  # the path of a running motion stays visible
             self._planner.update(self._plan_request(), now_s)
             path = self._planner.path
             if path is not None and path.plan is not None and not self._interaction.is_choosing:

@@ -53,8 +53,8 @@ from ikservo.model.arm_model import HealthLimits, at_distance, limit_distance, n
 _MAX_STATUS_MESSAGES = 12
 
 _STATUS_PERIOD_S, _HEARTBEAT_PERIOD_S = 0.066, 0.1
-_KEPT_CAMERAS = 16  # one per client; that of the side view turns with the arm
-# An arm at rest moves less between two status frames.
+_KEPT_CAMERAS = 16  # one per client; the camera of the side view turns with the arm
+# An arm at rest moves less than this between two status frames.
 _STANDS = StillnessDetector(window_s=0.0, tolerance=2e-3, least_readings=2)
 
 
@@ -405,7 +405,7 @@ class FrameComposer:
         return [*self._arm_frames(client), scene]
 
     def _arm_frames(self, client: Client) -> list[Frame]:
-        """Return the frames on the arm that a client still needs before its next scene."""
+        """Return the frames about the arm that a client still needs before its next scene."""
         frames: list[Frame] = []
         if client.sent.get("graph") is not self._graph:
             client.sent["graph"] = self._graph

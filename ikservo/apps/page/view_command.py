@@ -114,7 +114,7 @@ def command(
     check_camera_name(camera_name)
     if camera or camera_name:
         _check_installed(["cv2"], "camera")
-    from ikservo.apps.page.page_app import ViewApp  # noqa: PLC0415  # what --help does not need
+    from ikservo.apps.page.page_app import ViewApp  # noqa: PLC0415  # --help does not need it
 
     bench = _bench_from_options(arms, connection, camera or camera_name) if servos else None
     places = [] if bench else _places_from_options(arms or [], connection.arm, connection.port)
@@ -161,7 +161,7 @@ def _bench_from_options(
         )
     model = model_from_option(connection.arm) if connection.arm else None
     port = choose_port(connection.port, model.name if model else "")
-    simulated_port_url(port, model.path if model else None)  # a bus needs its arm
+    simulated_port_url(port, model.path if model else None)  # a simulated bus needs its arm
     return port, model
 
 
@@ -171,7 +171,7 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
     Raises:
         InputError: There is no such arm, or several arms share a port.
     """
-    from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # what --help does not need
+    from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # --help does not need it
 
     if not arms and not arm and not port:
         return []

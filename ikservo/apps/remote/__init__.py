@@ -1,4 +1,4 @@
-"""Arms on other machines: addresses, sessions, messages, the server of the arm, its clients."""
+"""Arms on other machines: addresses, sessions, messages, the arm's server and its clients."""
 
 from ikservo.app import App, Command
 

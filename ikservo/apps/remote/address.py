@@ -72,7 +72,7 @@ class ArmAddress:
 
 
 def listens(endpoint: Endpoint) -> bool:
-    """Check whether a process listens at an endpoint; a Zenoh session takes seconds to fail."""
+    """Check whether a process listens at an endpoint, because Zenoh sessions take long to fail."""
     try:
         socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
     except OSError:

@@ -135,10 +135,10 @@ class ArmServer:
     # requests
 
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
-        """Return the context of a request that arrives now; a later stop ends its motion.
+        """Return the context for running a request; a later stop ends its motion.
 
         A stop while the request was on its way, or was waiting in its program, also ends the
-        motion. The count is capped, because a larger one would let the motion survive later stops.
+        motion. A larger stop count is capped, because the motion could then survive later stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count
@@ -246,7 +246,7 @@ class ArmServer:
                 holder, f"The connection to {holder.operator} was lost; the arm holds its position."
             )
 
-    # what is published
+    # publishing
 
     def _publish(self, topic: str, value: object) -> None:
         message = Announcement(

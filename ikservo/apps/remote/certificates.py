@@ -1,4 +1,4 @@
-"""Certificates from the user's own small authority, and their permissions."""
+"""Certificates that the user's own authority issues, and their permissions."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ def _files_of(folder: Path, name: str, own: _Signed, authority: _Signed) -> dict
 
 
 def access_control(name: str) -> Mapping[str, object]:
-    """Return Zenoh's access control for a served arm; all that is not listed is refused.
+    """Return Zenoh's access control for a served arm; everything that is not listed is refused.
 
     A watcher may ask for states and stop the arm; an operator may also drive it. Only the server
     may publish news and answer requests.

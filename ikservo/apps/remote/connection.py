@@ -68,7 +68,7 @@ class PendingCall:
         self._data: bytes | None = None
 
     def on_reply(self, reply: zenoh.Reply) -> None:
-        """Keep the answer; called in a thread of Zenoh."""
+        """Store the answer; called in a thread of Zenoh."""
         if reply.ok is not None:
             self._data = reply.ok.payload.to_bytes()
 
@@ -372,7 +372,7 @@ class Connection:
             raise PortError(f"{self.address} was closed.", "Open the arm again: open_arm().")
 
     def _call_again(self, key: str, request: bytes) -> object:
-        """Return the answer to a request that may be repeated; ask again if the link was cut."""
+        """Return the answer to a request that may be repeated; repeat it if the link was cut."""
         end_s = time.monotonic() + _QUICK_S
         while True:
             try:

@@ -28,7 +28,7 @@ class MotionCalls:
         connection: The connection to the server.
 
     Attributes:
-        stop_request: Stops the arm and tells which motions were requested before a stop.
+        stop_request: Stops the arm, and knows which motions were requested before a stop.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -50,7 +50,7 @@ class MotionCalls:
             return self.await_result(self.start(service, **arguments, **more), None)
 
     def start(self, service: str, **arguments: object) -> PendingCall:
-        """Request a motion, which any stop since the program asked for it will end."""
+        """Request a motion, which is ended by any stop since the program asked for the motion."""
         count = self.stop_request.marked_count
         return self._connection.start(service, stop_count=count, **arguments)
 

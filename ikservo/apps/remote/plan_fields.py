@@ -45,14 +45,14 @@ class PathSamples:
 
 
 class PlanRegistry:
-    """The latest plans of an arm, by id; older plans are forgotten."""
+    """The latest plans of an arm, by id; older plans are dropped."""
 
     def __init__(self) -> None:
         self._plans: OrderedDict[str, MotionPlan] = OrderedDict()
         self._count = 0
 
     def __len__(self) -> int:
-        """Return the number of kept plans."""
+        """Return the number of stored plans."""
         return len(self._plans)
 
     def add(self, plan: MotionPlan) -> dict[str, JsonValue]:
@@ -113,7 +113,7 @@ class RemoteTrajectory:
         return self._duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Compute position, velocity and acceleration (n,) by cubics between the samples."""
+        """Interpolate position, velocity and acceleration (n,) by cubics between the samples."""
         if self._samples is None:
             self._samples = self._fetch()
         positions, velocities = self._samples.positions, self._samples.velocities

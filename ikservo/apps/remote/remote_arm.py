@@ -1,4 +1,4 @@
-"""An arm on another machine: the methods, results and errors of ``Arm``, over a connection."""
+"""An arm on another machine, with the methods, results and errors of ``Arm``."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class RemoteStream:
 
     @property
     def progress(self) -> MotionProgress | None:
-        """None, because the control loop runs on the machine of the arm."""
+        """Always None, because the control loop runs on the machine of the arm."""
         return None
 
     @property
@@ -119,7 +119,7 @@ def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object
 def next_items(
     clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
 ) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
-    """Once per period, yield an item and whether the stream has ended; repeat the end forever."""
+    """Yield an item once per period, and whether the stream has ended; repeat the end forever."""
     items = iter(targets)
     for _ in Rate(clock, period_s):
         try:

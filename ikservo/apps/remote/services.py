@@ -87,7 +87,7 @@ class Taught(Arguments):
 
 
 class InPose(Arguments):
-    """Arguments with a pose, and the joints at which the arm would be."""
+    """Arguments with a pose, and the joints at which the arm is assumed to be."""
 
     pose: Name
     start: FloatArray | None = None

@@ -143,7 +143,7 @@ def ask(
 
 
 def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:
-    """Call a function for all machines in parallel; return its results or errors."""
+    """Call a function for every machine in parallel; return the results or errors."""
 
     def attempt(host: Endpoint) -> T | IkservoError:
         try:

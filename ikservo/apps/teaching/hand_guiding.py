@@ -46,7 +46,7 @@ class HandGuiding:
     Args:
         context: The arm.
         feed_forward: The feed-forward from the masses and servos of the arm.
-        goals: The goals in force (n,), rad or m.
+        goals: The present goals of the servos (n,), rad or m.
     """
 
     def __init__(self, context: ArmContext, feed_forward: FeedForward, goals: Vector) -> None:
@@ -87,7 +87,7 @@ class HandGuiding:
         return TrajectoryPoint.at_rest(np.where(self._moved_by_hand, goals, self._goals))
 
     def _lead(self) -> Vector:
-        """Compute how far (n,) goals must lead the anchors so that the servos carry the links."""
+        """Compute the lead (n,) of goals over the anchors with which the servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 
@@ -130,7 +130,7 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
 
 
 def _require_gravity(context: ArmContext) -> FeedForward:
-    """Return the arm's feed-forward for the gains in force.
+    """Return the arm's feed-forward for the present gains.
 
     Raises:
         RefusedError: The torque that gravity needs is unknown.

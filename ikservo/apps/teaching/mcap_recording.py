@@ -69,7 +69,7 @@ class MessageSink(Protocol):
         ...
 
     def flush(self) -> None:
-        """Flush all received messages to the system."""
+        """Flush all received messages to the operating system."""
         ...
 
     def close(self) -> None:

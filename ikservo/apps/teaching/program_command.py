@@ -32,7 +32,7 @@ from ikservo.errors import IkservoError, InputError
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
 First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
-_KEPT_RESULTS = 100_000  # the latest ones of a program that is repeated until it is stopped
+_KEPT_RESULTS = 100_000  # latest results kept of a program that is repeated until it is stopped
 Time = Annotated[
     int, typer.Option("--time", min=1, metavar="N", help="Begin with this repetition.")
 ]

@@ -118,7 +118,7 @@ class ProgramRun:
 
     @property
     def pauses(self) -> bool:
-        """Whether it pauses somewhere until a person continues."""
+        """Whether the program has a pause, which ends when a person continues."""
         programs = (self._program, *self._called.values())
         return any(step.pause is not None for each in programs for step in each.steps)
 

@@ -15,7 +15,7 @@ from ikservo.cli.terminal import print_status, progress_bar
 
 
 class BenchSubject(StrEnum):
-    """What can be measured."""
+    """The subjects that can be measured."""
 
     BUS = "bus"
 

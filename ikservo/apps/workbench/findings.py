@@ -45,10 +45,10 @@ def ok(topic: str, text: str) -> Finding:
 
 
 def warning(topic: str, text: str, fix: str = "") -> Finding:
-    """Return a finding of which the user should know."""
+    """Return a finding that the user should know about."""
     return Finding(Severity.ODD, topic, text, fix)
 
 
 def failure(topic: str, text: str, fix: str = "") -> Finding:
-    """Return a finding that must be repaired first."""
+    """Return a fault that must be repaired first."""
     return Finding(Severity.BAD, topic, text, fix)

@@ -75,7 +75,7 @@ class MeteredTransport:
     """Wraps a transport and measures its bytes and processor time.
 
     Attributes:
-        inside_s: Processor time spent in the transport so far, seconds; waiting costs none.
+        inside_s: Processor time spent in the transport so far, seconds, without waiting.
         sent: Bytes written so far.
         received: Bytes read so far.
         captured: The bytes read, while ``capture`` is set.
@@ -93,7 +93,7 @@ class MeteredTransport:
 
     @property
     def baudrate(self) -> int:
-        """Return bits per second."""
+        """The baud rate, bit/s."""
         return self._transport.baudrate
 
     @baudrate.setter

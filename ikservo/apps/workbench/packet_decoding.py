@@ -1,4 +1,4 @@
-"""Decode the recorded bytes of a line to instructions and replies with times and errors."""
+"""Decode the recorded bytes of a line into instructions and replies with times and errors."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class _Decoder:
         return DecodedPacket(self._since_s, False, frame.servo_id, meaning, error, data)
 
     def _note_spans(self, frame: _Frame) -> None:
-        """Store the memory that is requested from each servo."""
+        """Store the address range that is requested from each servo."""
         width, data = 2 if frame.wide else 1, frame.data
         self._spans, self._fast_ids = {}, ()
         if frame.code in (_READ, _SYNC_READ, _FAST_SYNC_READ) and len(data) >= 2 * width:

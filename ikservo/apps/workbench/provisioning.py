@@ -63,17 +63,17 @@ def provision(
     """Configure the only servo on a line; return descriptions of the writes.
 
     Values that are already right are not written. The EEPROM is always locked at the end. The first
-    copy is made before, under the new id.
+    EEPROM copy is made before any write, under the new id.
 
     Args:
-        port: The port; afterwards at the servo's new rate.
+        port: The port; afterwards it has the servo's new rate.
         found: The servo with its present id and rate.
         settings: The desired settings.
         owner: The name of the folder of first EEPROM copies; empty: none are made.
 
     Raises:
         CalibrationError: The servo is a different model; nothing was written.
-        BadValueError: The servo lacks the rate or a register; nothing was written.
+        BadValueError: The servo does not support the rate or a register; nothing was written.
         ServoRejectedError: A number was not stored.
         BusError: The servo does not reply.
         FileWriteError: The copy cannot be written; nothing was changed.
@@ -101,7 +101,7 @@ def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> 
     """Give one servo on a line another id and baud rate, and verify both.
 
     Args:
-        port: The port; afterwards at the new rate.
+        port: The port; afterwards it has the new rate.
         servo: The servo, which replies at the port's rate; its torque goes off.
         new_id: The new id; the present one if only the rate changes.
         new_rate: The new baud rate.

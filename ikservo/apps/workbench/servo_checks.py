@@ -173,7 +173,7 @@ def _check_models(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _check_supply(bus: ServoBus, wrong: set[int]) -> Iterator[Finding]:
-    """Check the supply, and add the ids of servos whose supply is wrong."""
+    """Check the supply, and add the ids of servos with a wrong supply to ``wrong``."""
     names = (
         RegisterName.PRESENT_VOLTAGE,
         RegisterName.MIN_VOLTAGE_LIMIT,
@@ -234,7 +234,7 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
 
 
 def _settings_apart(bus: ServoBus, groups: Sequence[Sequence[ServoSpec]]) -> str:
-    """List the EEPROM settings that all servos of a group share but the groups do not."""
+    """List the EEPROM settings that are equal within each group of servos but not across groups."""
     table = groups[0][0].table
     kept = {table.id.name, *_CALIBRATED_REGISTERS}
     rows = [r for r in eeprom_registers(table) if r.is_writable and r.name not in kept]

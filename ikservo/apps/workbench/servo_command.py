@@ -138,7 +138,7 @@ OtherModel = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ServoLineOptions:
-    """The line of the servos: that of an arm, or one with servos that belong to no arm."""
+    """The serial line of the servos, which belong to an arm or to none."""
 
     arm: ArmOption = None
     port: ServoPortOption = None

@@ -108,7 +108,7 @@ def tune_joint(
 ) -> None:
     """Measure a joint with its present and the given gains, and on request search for better ones.
 
-    The present gains are in force again at the end.
+    The present gains are restored at the end.
 
     Args:
         connection: The arm.
@@ -191,10 +191,10 @@ def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, b
     if present.response.swings and best is present:
         print_status(f"{servo} does not come to rest with any of the gains tried.")
     if best is present:
-        print_status("The present gains are the best of these and stay in force.")
+        print_status("The present gains are the best of these and are kept.")
         return
     words = " ".join(f"{name}={raw}" for name, raw in _named(best.gains).items())
     print_status(
-        "The former gains are in force again. To keep the best of these, switch torque off, then: "
+        "The former gains are restored. To keep the best of these, switch torque off, then: "
         f"ikservo servo write {words} --arm {connection.arm} --id {servo.id}"
     )

@@ -282,7 +282,7 @@ def keeping_gains(
         servo: The servo.
         tried: Further registers to restore besides P and D.
     """
-    restore_former(bus, servo)  # left by a killed program
+    restore_former(bus, servo)  # values that a killed program has left
     kept = dict.fromkeys([*gain_registers(servo), *tried])
     before = {each: bus.read(servo.id, each, raw=True) for each in kept}
     note_former(bus, servo, before)
@@ -394,7 +394,7 @@ def try_steps(
         suggest: Whether to search for better gains.
 
     Raises:
-        IkservoError: The errors of ``measure_response``; the present gains are in force again.
+        IkservoError: The errors of ``measure_response``; the present gains are restored.
     """
 
     def try_one(gains: Mapping[Register, int]) -> Trial:

@@ -83,7 +83,7 @@ class ServoLine:
         return found[0]
 
     def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
-        """Return the line with the given ids in place of ids of the arm file."""
+        """Return the line with the given ids in place of those in the arm file."""
         specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
         bus = ServoBus(self.bus.port, specs)
         bus.backup_owner = self.bus.backup_owner
@@ -100,13 +100,13 @@ def open_servos(
     baud_rate: int | None = None,
     on_step: OnScanStep | None = None,
 ) -> Generator[ServoLine]:
-    """Open the servos of an arm, or those that reply on a line; a signal lets a write end.
+    """Open the servos of an arm, or those that reply on a line; a signal waits for a running write.
 
     Args:
         model: The arm; None for servos without an arm.
         port: See ``choose_port``.
         servo_id: Without an arm: search only this id; None: every id.
-        table: Without an arm: its model, if it is known.
+        table: Without an arm: the servo's table, if its model is known.
         baud_rate: Without an arm: the rate; None: try every known rate.
         on_step: Called with the progress of a search.
 
@@ -161,7 +161,7 @@ _SHOWN_UNITS = {  # by the register's unit: the shown unit, and the factor to it
 
 
 def shown_unit(register: Register) -> tuple[str, float]:
-    """Return the unit in which a register is shown, and the factor from its own unit to that."""
+    """Return the unit in which a register is shown, and the conversion factor to it."""
     symbol = register.unit.symbol
     return _SHOWN_UNITS.get(symbol, (symbol, 1.0))
 
@@ -306,7 +306,7 @@ def parse_register_value(register: Register, text: str) -> int:
     return register.to_raw(float(match[1]) * size)
 
 
-_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # least, to reply to each packet
+_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # least level with all replies
 _HIGHEST_ID = 252
 
 
@@ -411,7 +411,7 @@ def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
 
 
 def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
-    """Make a copy, then reset a servo to its factory settings; id and baud rate stay.
+    """Make a copy, then reset a servo to its factory settings; it keeps its id and baud rate.
 
     Raises:
         BusError: The servo refused, its family would lose its id, or it does not reply again.

@@ -1,6 +1,6 @@
 """Keep a servo's former values on disk while others are tried, until they are restored.
 
-A program that is killed during a trial leaves the trial values in force until the servo's power
+A program that is killed during a trial leaves the trial values in the servo until its power
 goes off; the file holds the former values.
 """
 

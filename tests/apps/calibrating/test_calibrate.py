@@ -107,7 +107,7 @@ def test_calibration_is_shown_before_it_is_saved(mount_arm, run_cli, home):
     saved = read_calibration(file_of(home))
     assert len(joints) == len(saved.joints)
     for line, joint in zip(joints, saved.joints, strict=True):
-        way = "as the joint" if joint.sign == 1 else "against it"
+        way = "with the joint" if joint.sign == 1 else "against it"
         assert f"{joint.name}: zero at tick {joint.zero_tick:g}, servo counts {way}" in line
         assert f"{joint.lower_deg:.1f}° to {joint.upper_deg:.1f}° (by hand)" in line
     assert changed == []

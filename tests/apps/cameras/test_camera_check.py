@@ -44,7 +44,7 @@ def test_camera_check_finds_camera_unmoved(run_cli):
     assert (found.code, found.json["moved"], found.json["board"]) == (0, False, "gripper")
     assert found.json["off_m"] < 0.001
     assert found.json["moved_m"] < 0.004
-    assert "stands where it was" in run_cli(f"camera check {ARM} --camera sim").out
+    assert "has not moved" in run_cli(f"camera check {ARM} --camera sim").out
 
 
 def test_moved_camera_is_detected_and_refused_until_back(run_cli, move_camera):

@@ -224,7 +224,7 @@ def test_trial_gains_are_plotted_and_former_gains_restored(raised):
     assert abs(goal).max() == pytest.approx(8, abs=0.2)
     reached = [abs(one[len(one) // 3 :] - goal[len(goal) // 3 :]).mean() for one in (first, second)]
     assert 0.0 < reached[1] < reached[0], "a stiffer joint is nearer to its goal"
-    assert "before: p_gain 32" in raised.note("former gains are in force again")["text"]
+    assert "before: p_gain 32" in raised.note("former gains are restored")["text"]
     assert gains_of(raised) == before
 
 

@@ -155,7 +155,7 @@ class CandidateSelection:
     def candidates_at(
         self, at: Vector, context: PointerContext
     ) -> tuple[PickCandidate | None, ...]:
-        """Return what a press at a pixel (2,) can pick: links, objects, None, fixed links."""
+        """Return the options of a press at a pixel (2,): links, objects, None, fixed links."""
         found = self._hit_tester.candidates_at(at, context)
         fixed = tuple(each for each in found if each.kind == "fixed")
         return (*found[: len(found) - len(fixed)], None, *fixed)
@@ -190,7 +190,7 @@ def _candidate_names(options: tuple[PickCandidate | None, ...]) -> Names:
 
 
 _NOTCH_RAD, _NOTCH_M, _FINE = math.radians(1.0), 0.001, 0.1
-_LEVEL = 0.3  # a view whose axis is steeper moves things along the table
+_LEVEL = 0.3  # if the camera looks up or down more steeply (sine), things move along the table
 _KEY_M, _FINE_KEY_M = 0.005, 0.001
 _ARROWS = {
     "ArrowLeft": (-1.0, 0.0, 0.0),
@@ -212,7 +212,7 @@ class _GrabbedPoint:
         offset_m: The point (3,) in that link's coordinates.
         depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
         offset_px: Offset (2,) from the pixel of the point to the pointer.
-        surface: The surface on which the tip is dragged instead of in that plane.
+        surface: The surface, if any, on which the tip is dragged instead of in that plane.
     """
 
     camera: Camera
@@ -379,7 +379,7 @@ class Drag:
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. The click after a click selects what is behind."""
+        """End the drag; the last command stays. A repeated click selects what is behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None

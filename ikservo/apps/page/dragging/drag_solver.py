@@ -4,7 +4,7 @@
 
     solver = DragSolver(chain)
     solver.method = "ccd"                             # for drags as well as clicks
-    solver.posture = Posture(q_pref, weights)         # preferred where the target leaves freedom
+    solver.posture = Posture(q_pref, weights)         # preferred if the target leaves freedom
     solution = solver.solve_command(command, q_goal)  # q_goal: the goal so far, or measured
     q_goal = solution.q                               # repeat the command until settled
 """

@@ -31,7 +31,7 @@ from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 _PERIOD_S = 0.04  # between plans during a drag, so that its picture can be drawn
 _POSTURES = 25  # number of postures along a path for drawing
 _NEAR_TICKS = 3.0
-_SAG_TICKS = 100.0  # a joint of a limp arm may sink so far until its torque is on
+_SAG_TICKS = 100.0  # largest sag of a limp arm's joint until torque is on
 _STRAIGHT = 1.001  # a path is straight if it is at most this factor longer than a line
 _numbers = itertools.count(1)
 
@@ -148,7 +148,7 @@ class PlannedPath:
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
-        """Return whether this path answers a request; a free straight path of it always does."""
+        """Check whether this path answers a request; a path with a plan answers equal requests."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
 

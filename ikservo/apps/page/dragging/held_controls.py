@@ -39,7 +39,7 @@ class GripperControl:
             grip: 1 closes, -1 opens; smaller values move more slowly.
             goal: The previous goal, rad or m.
             measured: Measured positions of all joints (n,), which the goal must not lead by much;
-                None in the preview, where nothing presses.
+                None in the preview, which presses on nothing.
             now_s: The time.
         """
         elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_GRIP_STEP_S), now_s

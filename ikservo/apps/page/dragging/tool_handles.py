@@ -25,7 +25,7 @@ from ikservo.planning.tool_orientation import ORIENTATION_TOLERANCE_RAD, ArmPlan
 
 _SAMPLES = 16  # number of postures; the one with most freedom decides
 _RANK = 1e-3  # rank tolerance, relative to the largest singular value
-_ALONG = 0.5  # part of the tool axis below which the tool cannot roll
+_ALONG = 0.5  # fraction of the tool axis below which the tool cannot roll
 _PASSES = 3  # iterations, because the arm's plane turns with the solution
 
 

@@ -1,1 +1,1 @@
-"""The messages that travel between page and server."""
+"""The messages between page and server."""

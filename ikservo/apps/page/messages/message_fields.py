@@ -20,7 +20,7 @@ class PageMessage(StrictModel):
 
     Attributes:
         seq: Sequence number, increasing; a repeated number is a replay.
-        seen: Number of the latest scene drawn when it was sent, which gives the message's age.
+        seen: Number of the last scene drawn before sending, which gives the message's age.
     """
 
     seq: Annotated[int, Field(ge=1, le=_MAX_SEQ)]

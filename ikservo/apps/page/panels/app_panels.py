@@ -1,4 +1,4 @@
-"""Panels that other apps bring to the page: rows of text, and buttons for their motions."""
+"""Panels that other apps add to the page: rows of text, and buttons for their motions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ikservo.errors import InputError, RefusedError, UnreachableError
 from ikservo.model import Model
 from ikservo.planning.motions import MotionValue
 
-_PERIOD_S = 0.5  # between two texts that a person reads
+_PERIOD_S = 0.5  # least time between two updates of the texts
 
 MakePanel = Callable[[Model, Mapping[str, float]], Panel]
 
@@ -79,7 +79,7 @@ class AppPanels:
                     panel = make(arm.model, positions)
                     rows = [(str(key), str(value)) for key, value in panel.rows]
                     panels[name] = Panel(rows, panel.motions)
-                except Exception as error:  # whatever the app of somebody else does
+                except Exception as error:  # another app may raise anything
                     panels[name] = Panel([("error", f"{type(error).__name__}: {error}")])
             self._panels = panels
         shown = [

@@ -30,7 +30,7 @@ from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
 
 _CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
-# Longer than the delay of a picture; noise of a resting encoder moves it two ticks.
+# Time at rest, longer than the delay of a picture; encoder noise at rest is two ticks.
 _REST_S = 0.5
 _STANDS = StillnessDetector(_REST_S, tolerance=3.5e-3, least_readings=2)
 
@@ -141,7 +141,7 @@ class CameraView:
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
-        """Check now and then, while a page shows the picture, whether the camera has moved.
+        """Check periodically, while a page shows the picture, whether the camera has moved.
 
         Args:
             measured: All joints (n,).

@@ -1,9 +1,8 @@
 """The dialogue of `ikservo arms new` on the page, in a separate process.
 
-Reading foreign descriptions and fitting meshes takes seconds of processor time; in a separate
-process, this does not delay the control of open arms, and Leave ends it at once. The process also
-moves
-servos: Stop all closes the pipe, which the process checks before each step of a motion.
+Reading foreign descriptions and fitting meshes takes seconds of processor time. In a separate
+process, this does not delay the control of open arms, and Leave ends it at once. The process
+also moves servos: Stop all closes the pipe, which it checks before each step of a motion.
 """
 
 from __future__ import annotations

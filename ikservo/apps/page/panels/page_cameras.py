@@ -116,7 +116,7 @@ class PageCameras:
         return first
 
     def _given(self, stored: str) -> str | None:
-        """Return the given source for a stored one, which lacks the password."""
+        """Return the given source, with its password, for a stored one."""
         name = public_source(stored)
         return next((each for each in self._sources if public_source(each) == name), None)
 

@@ -70,7 +70,7 @@ class ProgramDraft:
         folder: The folder of the programs.
 
     Attributes:
-        steps: The steps in their order.
+        steps: The steps, in order.
         speed: The default speed of the steps.
         repeat: The number of repetitions of all steps.
         name: The name of the program file; empty until it is saved or loaded.

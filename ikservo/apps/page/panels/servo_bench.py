@@ -1,7 +1,7 @@
 """The servo page: one port, named on the command line, and its thread.
 
-Writes pass the same checks as in the command. Only a trial of gains moves a joint: the port is then
-closed, and the arm is opened on it with its guard.
+Writes pass the same checks as in ``ikservo servo write``. Only a trial of gains moves a joint:
+the port is then closed, and the arm is opened on it with its guard.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _POLL_S = 0.1  # period in which closing is noticed
 
 
 class WorkOnServo(PageMessage):
-    """Search the port, or do something with one of its servos.
+    """Search the port, or work on one of its servos.
 
     Attributes:
         names: The registers to plot; empty: the registers of the motion.
@@ -142,7 +142,7 @@ class ServoBench:
     Args:
         port: The port, as the user named it.
         model: The arm of the servos; None for every servo that replies on the line.
-        downloads: Hands out backups.
+        downloads: Offers backups for download.
     """
 
     def __init__(self, port: str, model: Model | None, downloads: DownloadOffers) -> None:
@@ -333,7 +333,7 @@ class ServoBench:
             arm.stop("Stopped on the page of servos.")
 
     def _try_gains(self, model: Model, trial: WorkOnServo) -> None:
-        """Move a joint with its present and other gains, and show both; the present gains stay."""
+        """Move a joint with its present and other gains, show both, and keep the present gains."""
         self._show_line(f"{trial.joint} is moving …", self._shown)
         try:
             with open_own_arm(model, self._port) as arm:

@@ -40,13 +40,13 @@ def try_on_joint(
     Args:
         arm: The arm.
         joint: The joint.
-        gains: Raw numbers by register; numbers already in force are ignored.
+        gains: Raw numbers by register; numbers that are already set are ignored.
         step_deg: The joint motion.
         suggest: Whether to search for better gains.
 
     Raises:
         InputError: There are no other gains to try, or the joint does not turn.
-        IkservoError: The errors of every motion; the present gains are in force again.
+        IkservoError: The errors of every motion; the present gains are restored.
     """
     servo = find_turning_servo(arm, joint)
     bus = arm.context.servos.bus
@@ -78,7 +78,7 @@ def describe_trials(trials: Sequence[Trial]) -> str:
             else "comes to rest",
         ]
         text += f"{name}: {'; '.join(words)}. "
-    return f"{text}The former gains are in force again; the joint holds."
+    return f"{text}The former gains are restored; the joint holds."
 
 
 def trial_frame(joint: str, trials: Sequence[Trial]) -> Frame:

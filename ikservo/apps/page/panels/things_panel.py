@@ -31,8 +31,8 @@ _DRAWN_M = 5.0  # larger things, such as half-spaces, are not drawn
 _NEW_SIZE_M, _NEW_GAP_M = 0.06, 0.03  # size of a new thing, and its distance from arm and things
 _NEW_AWAY = (0.6, 0.8, 0.45)  # places of a new thing, as fractions of the reach
 _NEW_TURNS_DEG = (0.0, 25.0, -25.0, 50.0, -50.0, 75.0, -75.0)  # from the direction of the arm
-_MOST = 100  # limit, because each is checked on every path and sent
-_DECIMALS = 2  # of joints, rad or m; smaller motions are not redrawn
+_MOST = 100  # largest number of things, because each is sent and is checked on every path
+_DECIMALS = 2  # decimals of joints, rad or m; smaller motions are not redrawn
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
 
 

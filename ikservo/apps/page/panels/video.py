@@ -188,7 +188,7 @@ class VideoSource:
             capture.release()
 
     def _keep(self, image: NDArray[np.uint8]) -> None:
-        """Keep a picture as JPEG; a camera that is faster than the page misses some."""
+        """Store a picture as JPEG; if a camera is faster than the page, some are not shown."""
         now_s = self._clock.now_s()
         if self._is_paced:
             self._ending.wait(_PERIOD_S)

@@ -37,7 +37,7 @@ class Viewport:
         pixel_ratio: Device pixels per CSS pixel.
 
     Raises:
-        BadValueError: A number is not finite, not above zero or absurdly large.
+        BadValueError: A number is not finite, not above zero, or too large.
     """
 
     width_px: float

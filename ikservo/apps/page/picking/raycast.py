@@ -1,8 +1,8 @@
 """Ray casting against the links of an arm and the things in a scene.
 
-Each link has a box around its capsules. A ray is transformed into the link, so that no shape has
-to move, and the capsules are only tested if the ray meets the box. All tests are expressions over
-rays and shapes; an arm has some 40 capsules.
+Each link has a box around its capsules. A ray is transformed into the frame of the link, so that
+no shape has to be moved, and the capsules are only tested if the ray meets the box. All tests are
+vectorised over rays and shapes; an arm has about 40 capsules.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ camera::
     view = Viewpoint(available_views(extent)[0])    # "side", or "plane" for a flat arm
     camera = make_camera(extent, view, Viewport(800, 600, 2.0), extent.yaw_rad(q))
 
-During a drag keep the camera of its start; otherwise the arm's own plane rotates under the pointer.
+During a drag, keep the camera of its start; otherwise the arm's own plane rotates under the
+pointer.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ def arm_extent(model: Model) -> ArmExtent:
     T_world_side = side_plane(chain, home)
     u = T_world_side[:3, 0]
     T, J = chain.forward_and_jacobian(home)
-    # The point of the first axis that is nearest to the tip; J = axis x (tip - pivot), axis. Of a
-    # prismatic joint it is the tip.
+    # The point of the first axis that is nearest to the tip; J = axis x (tip - pivot), axis. For a
+    # prismatic joint, it is the tip itself.
     first_pivot = T[:3, 3] + np.cross(J[3:, 0], J[:3, 0])
     pivot = T_world_side[:3, 3] + u * float(first_pivot @ u)
     yaw_rad, axis_z = math.atan2(float(u[1]), float(u[0])), float(J[5, 0])

@@ -92,7 +92,7 @@ class ExecutePath:
         with ExitStack() as turns:
             try:
                 turns.enter_context(arm.runner.undisturbed())
-            except RefusedError as error:  # by another arm
+            except RefusedError as error:  # another arm is moving
                 observer.log_message(f"{error.message} {error.command_hint}")
                 return
             if servos.torque.is_on:

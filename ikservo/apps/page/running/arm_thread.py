@@ -49,7 +49,7 @@ from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
 
 JERK_FACTOR = 8.0
-"""Factor on the jerk of a speed class while the arm follows a pointer, whose moves are short."""
+"""Factor for the jerk of a speed class while the arm follows a pointer in short moves."""
 
 _SETTLE_AFTER_S = 0.4  # a shorter pause does not end a drag
 _POLL_PERIOD_S = 0.033  # poll period while no session runs

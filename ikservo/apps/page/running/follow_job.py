@@ -17,7 +17,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 class FollowLeader:
-    """Follows a leader until it is finished (``ArmJob``).
+    """Follows a leader until ``finish`` is called (``ArmJob``).
 
     Args:
         feed: The leader's joints.

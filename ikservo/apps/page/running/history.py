@@ -14,7 +14,7 @@ from ikservo.hardware.servo import LinkStatistics
 
 _DURATION_S = 600.0
 _PERIOD_S = 0.02
-_JITTER_S = 0.001  # a cycle may come early by this time
+_JITTER_S = 0.001  # a cycle may come early by this much
 _CSV_ROWS = 100  # rows formatted at a time; the control loop runs in between
 
 Table = NDArray[np.float32]

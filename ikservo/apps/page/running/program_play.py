@@ -88,7 +88,7 @@ class ProgramPlay:
         self._continuing.set()
 
     def continue_from(self, before: ProgramPlay, number: int | None) -> None:
-        """Begin in the repetition in which another play has paused or stopped at the step."""
+        """Begin in the repetition in which an earlier play paused or stopped at the step."""
         self._has_grasped = before._has_grasped
         if number is not None and number == before.state.step and before.state.phase != "bad":
             self._repetition = before.state.repetition
@@ -108,7 +108,7 @@ class ProgramPlay:
                 observer.on_idle,
                 has_grasped=self._has_grasped,
             )
-        except IkservoError as error:  # of a program that it calls
+        except IkservoError as error:  # from a program that it calls
             observer.log_message(error.message)
             number = self._numbers[self._first]
             self.state = PlayState("bad", number, problems={number: error.message})

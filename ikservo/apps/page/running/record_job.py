@@ -16,7 +16,7 @@ _SHOWN_EVERY = 5  # the page is updated every fifth sample, because reading take
 
 
 class RecordArm:
-    """Records the joints until it is finished (``ArmJob``); torque stays unchanged.
+    """Records the joints until ``finish`` is called (``ArmJob``); torque stays unchanged.
 
     Args:
         folder: The folder for a new file with an unused name.

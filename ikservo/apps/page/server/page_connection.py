@@ -71,7 +71,7 @@ class MessageFilter(Generic[_MessageT]):
         return self._scene - self.seen
 
     def record_sent(self, now_s: float) -> int:
-        """Record the send time of a scene, which dates the replies; return its number."""
+        """Record the send time of a scene, which gives the age of replies; return its number."""
         self._scene += 1
         self._sent[self._scene] = now_s
         while len(self._sent) > _MAX_REMEMBERED:
@@ -105,7 +105,7 @@ class MessageFilter(Generic[_MessageT]):
         is_always_accepted = isinstance(message, Stop | SetViewport) or (
             isinstance(message, Heartbeat) and not message.visible
         )
-        age_s = now_s - self._sent.get(message.seen + 1, now_s)  # since the scene after the drawn
+        age_s = now_s - self._sent.get(message.seen + 1, now_s)  # age of the first scene not drawn
         if age_s > MAX_MESSAGE_AGE_S and not is_always_accepted:
             is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
             if is_movement or isinstance(message, _STREAMED):

@@ -84,7 +84,7 @@ def _page_file_response(name: str) -> Response:
 _HELLO_TIMEOUT_S = 2.0
 _MIN_FRAME_PERIOD_S = 1.0 / 125.0  # least time between two scenes, even for fast screens
 _SEND_TIMEOUT_S = 1.0 / 40.0  # on a slow network, send before the last scene is confirmed
-_SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
+_SLOW_CLIENT_S = 2.0  # a page that receives nothing for this long is dropped
 _MAX_FRAMES_AHEAD = 2  # scenes in flight
 _KEPT_BY_PAGE = ("scene", "status")
 _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
@@ -371,7 +371,7 @@ class BoundAddress:
 class _BoundedListener(socket.socket):
     """Listening socket that drops the oldest of too many new clients, also in a TLS handshake.
 
-    Each takes a file of this program, and what it leaves, 0.25 MB, is otherwise collected late.
+    Each client takes a file descriptor, and without a collection its 0.25 MB would be freed late.
     """
 
     _new, _count = tuple[tuple[float, socket.socket], ...](), 0
@@ -436,7 +436,7 @@ def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
 
 
 class _PromptServer(uvicorn.Server):
-    """Server that drops clients which do not finish the TLS handshake soon.
+    """Server that drops clients that do not finish the TLS handshake in time.
 
     A client counts as a connection only after the handshake, for which asyncio waits a minute.
     """
@@ -455,7 +455,7 @@ def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
     path = None if address.certificate is None else address.certificate.path
     config = uvicorn.Config(
         app,
-        log_level="error",  # not one line for each client that speaks no HTTP
+        log_level="error",  # no line for each client that does not speak HTTP
         lifespan="off",
         http=ConnectionLimiter,
         ws="websockets-sansio",
@@ -464,7 +464,7 @@ def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
         ws_ping_interval=5.0,
         ws_ping_timeout=5.0,
         timeout_graceful_shutdown=1,
-        backlog=_MAX_NEW_CONNECTIONS,  # so many are accepted before any is dropped
+        backlog=_MAX_NEW_CONNECTIONS,  # this many are accepted before any is dropped
         server_header=False,
         proxy_headers=False,
         ssl_certfile=path,

@@ -1,4 +1,4 @@
-// What surrounds the arm in 3D: table, grid, things, reachable region, the path of the tip.
+// The surroundings of the arm in 3D: table, grid, things, reachable region, the path of the tip.
 
 import * as THREE from "./three.min.js";
 
@@ -98,7 +98,7 @@ function createGrid(half) {
   return new THREE.BufferGeometry().setFromPoints(ends.map(([x, y]) => new THREE.Vector3(x, y, 0)));
 }
 
-// By the shapes that the server names, of half their extents.
+// Creates a shape that the server names, from half its extents.
 const SHAPES = {
   box: (half) => new THREE.BoxGeometry(...half.map((each) => 2 * each)),
   cylinder: ([radius, , half]) => new THREE.CylinderGeometry(radius, radius, 2 * half, 40).rotateX(Math.PI / 2),

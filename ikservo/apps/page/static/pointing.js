@@ -3,7 +3,7 @@
 const ARROWS = new Set(["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "PageUp", "PageDown"]);
 const ORBIT_BUTTONS = new Set([1, 2]);
 const NOTCH_PX = 100;
-const PINCH_PX = 300; // scale of a wheel with Ctrl, as which touch pads report a pinch
+const PINCH_PX = 300; // scale of wheel events with Ctrl: touch pads report a pinch as these
 const SLOP_PX = 8; // a finger that has moved less may still become the first of two
 const ZOOM = { min: 0.2, max: 5 };
 

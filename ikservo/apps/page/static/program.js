@@ -48,7 +48,7 @@ export class Program {
     $("program-load").onclick = () => this.confirmLoss($("program-load"), "Lose changes?", () => this.send("program_file", { action: "load", name: $("program-files").value }));
   }
 
-  // From the picture, however far below it the program is.
+  // Called from the picture, which may be far above the program.
   bringIntoSight() {
     const program = $("program");
     program.open = true;

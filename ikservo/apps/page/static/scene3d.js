@@ -239,7 +239,7 @@ function createJoint(node, { origin, axis, joint }) {
   return { node, origin: new THREE.Matrix4().set(...origin), axis: new THREE.Vector3(...axis), slides: joint === "prismatic" };
 }
 
-// By the kinds of shape that the server names; cylinders of URDF lie along z.
+// Creates a shape of the kind that the server names; cylinders of URDF lie along z.
 const GEOMETRIES = {
   box: (size) => new THREE.BoxGeometry(...size),
   cylinder: ([radius, length]) => new THREE.CylinderGeometry(radius, radius, length, 40).rotateX(Math.PI / 2),

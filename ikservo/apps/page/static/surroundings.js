@@ -12,7 +12,7 @@ const MARGIN_PX = 16;
 const MAX_WIDTH = 0.3; // largest scale bar, as a fraction of the drawing
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 
-// A camera's picture shows the table itself, and the region is that on the table.
+// A camera's picture shows the table itself, and the region is drawn on the table.
 export function backdropItems({ centre, floor }, things, { region, region_pose }, projection) {
   const { lens } = projection;
   return [

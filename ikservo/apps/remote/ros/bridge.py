@@ -116,7 +116,7 @@ class RosBridge:
         """Leave the graph; a running motion is braked, and the arm holds."""
         self._stack.close()
 
-    # what comes in
+    # incoming messages
 
     def _requested(self) -> AbstractContextManager[None]:
         """Return the context of a message that arrives now; a later stop ends its motion."""
@@ -206,7 +206,7 @@ class RosBridge:
         return "The arm may move again."
 
     def _request_stop(self, text: str) -> None:
-        # The stop ends the motion; ending it here as well could hide the stop from it.
+        # The stop ends the motion; if the goal also ended here, the motion might miss the stop.
         self._arm.request_stop(StopReason(StopKind.CLIENT, text))
 
     def _watch_router(self) -> None:
@@ -227,7 +227,7 @@ class RosBridge:
         self._warning = text
         self._say(text)
 
-    # what goes out
+    # published messages
 
     def _publish(self, message: RosMessage) -> None:
         self._publishers[message.topic](message)

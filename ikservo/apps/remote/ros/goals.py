@@ -20,7 +20,7 @@ _MAX_DURATION_S = 3600.0
 _MAX_AHEAD_S = 1.0
 _CLOCKS = "Synchronise the clocks of both machines."
 _MAX_M_S, _MAX_RAD_S = 0.5, math.pi
-_LEAD_M = 0.03  # lead of the target of a twist, besides its travel in the dead time
+_LEAD_M = 0.03  # lead of a twist's target, in addition to its travel in the dead time
 
 
 class MotionGoal(Protocol):
@@ -243,7 +243,7 @@ class TwistGoal:
         return self._T.copy() if self._turns else Target(self._T[:3, 3].copy())
 
     def has_ended(self, now_s: float) -> bool:
-        """Check whether there was no command for too long."""
+        """Check whether no command has arrived for too long."""
         return now_s - self._received_s > DEAD_MAN_TIMEOUT_S
 
 
@@ -260,7 +260,7 @@ class PoseGoal:
         self._target = target
 
     def delay(self, now_s: float) -> None:
-        """Do nothing, because a pose has no time."""
+        """Do nothing, because a pose has no start time."""
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
         """Return the pose."""

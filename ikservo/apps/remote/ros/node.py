@@ -106,7 +106,7 @@ class RosNode:
             name: The name with a leading slash.
             action: Runs the request and returns the message of the response; an error becomes a
                 response without success.
-            always: Whether every request is obeyed on arrival, even if repeated or without
+            always: Whether every request is executed on arrival, even if repeated or without
                 attachment; ``action`` must then not wait.
         """
         key = data_key(self.name, name, TRIGGER)

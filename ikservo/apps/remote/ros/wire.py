@@ -1,4 +1,4 @@
-"""Names and bytes of rmw_zenoh: key expressions, liveliness tokens, attachments.
+"""The wire format of rmw_zenoh: key expressions, liveliness tokens, attachments.
 
 Source: the design of rmw_zenoh, https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md
 """
