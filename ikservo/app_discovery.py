@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from ikservo.app import App, Command
-from ikservo.core import CORE
+from ikservo.core_commands import CORE
 from ikservo.errors import InputError
 
 APP_GROUP = "ikservo.apps"

@@ -234,7 +234,7 @@ class BusError(IkservoError):
         servo_id: The id alone, if the error concerns one servo.
         port: The port's name.
         request: The request to the servo.
-        found: What happened instead of a valid reply.
+        found: The fault that replaced a valid reply.
         sent: The bytes of the request, for bug reports.
         received: The bytes that came back.
     """

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from ikservo.arm.opening import open_arm
     from ikservo.arm.setpoint_stream import SetpointStream
     from ikservo.control.feedback import JointState
-    from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
+    from ikservo.guard import StopKind, StopReason
+    from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
     from ikservo.planning.calibrated_arm import ZeroSource
     from ikservo.planning.motion_plan import MotionPlan
     from ikservo.planning.path_constraint import PathConstraint
@@ -49,7 +50,7 @@ __all__ = [
 _HOMES = {
     "Arm": "arm.arm",
     "ArmState": "planning.reports",
-    "DEAD_MAN_TIMEOUT_S": "guard",
+    "DEAD_MAN_TIMEOUT_S": "guard.dead_man",
     "JointMoveResult": "planning.reports",
     "JointState": "control.feedback",
     "Motion": "arm.background_motion",

@@ -16,7 +16,7 @@ from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
-from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
+from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext

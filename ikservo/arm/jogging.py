@@ -14,7 +14,7 @@ from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError, shown
-from ikservo.guard import DeadManSwitch
+from ikservo.guard.dead_man import DeadManSwitch
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Protocol, cast
 
 from ikservo.arguments import parse_port
-from ikservo.hardware.discovery import named_port
+from ikservo.hardware.port_choice import named_port
 from ikservo.hardware.transport import NETWORK_GROUP
 from ikservo.model import Model
 

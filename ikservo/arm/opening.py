@@ -25,15 +25,15 @@ from ikservo.files.writing import FileWriteError
 from ikservo.guard import CollisionChecker, DrivenJoint
 from ikservo.guard.sag import arm_sag
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import (
+from ikservo.hardware.eeprom import back_up_once
+from ikservo.hardware.port import open_port
+from ikservo.hardware.port_choice import (
     choose_port,
     is_simulator,
     named_port,
     remember_port,
     simulated_port_url,
 )
-from ikservo.hardware.eeprom import back_up_once
-from ikservo.hardware.port import open_port
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_off

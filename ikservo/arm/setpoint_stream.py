@@ -17,7 +17,7 @@ from ikservo.arm.following import follow_targets
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import RefusedError
-from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.reports import MotionProgress

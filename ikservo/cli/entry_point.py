@@ -244,7 +244,7 @@ def _run_command(args: list[str]) -> int:
             return code
     import typer  # noqa: PLC0415
 
-    from ikservo.cli.app import app  # noqa: PLC0415
+    from ikservo.cli.command_group import app  # noqa: PLC0415
 
     try:
         code = typer.main.get_command(app).main(args, prog_name="ikservo", standalone_mode=False)

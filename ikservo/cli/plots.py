@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
-# matplotlib does not declare the types of its keyword arguments. pyright:
-# reportUnknownMemberType=false, reportUnknownVariableType=false
+# matplotlib does not declare the types of its keyword arguments.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
 
 # Colours that colour-blind users can also distinguish (Okabe and Ito, Color Universal Design,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.control.turn_counter import TurnCounter
+from ikservo.control.reversal_counter import ReversalCounter
 from ikservo.kinematics.arrays import Vector
 
 # A servo is a spring to its goal, so proportional and derivative parts act like stiffness and
@@ -68,7 +68,7 @@ class TrackingFeedback:
         self._max_fast_s = _MAX_FAST_RAD_S * per_horn_rad
         self._max_integral = _MAX_INTEGRAL_RAD * per_horn_rad
         self._least_friction, self._most_friction = (r * per_horn_rad for r in _FRICTION_RAD)
-        self._turns = TurnCounter(_SWING_RAD * per_horn_rad, _SWING_S)
+        self._turns = ReversalCounter(_SWING_RAD * per_horn_rad, _SWING_S)
         self.adapt(np.zeros_like(per_horn_rad), np.zeros_like(per_horn_rad))
         self.reset()
 

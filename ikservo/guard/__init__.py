@@ -1,17 +1,15 @@
 """Safety checks of every goal: limits, collisions, steps, and monitors of a running motion."""
 
 from ikservo.guard.collision import CollisionChecker
-from ikservo.guard.driven_joint import MAX_TRAVEL_RAD, DrivenJoint, TickRow
+from ikservo.guard.driven_joint import DrivenJoint, TickRow
+from ikservo.guard.following_error import TrackingMonitor, overweight_error
 from ikservo.guard.gate import Gate, PassedGoals, StopKind, StopLatch, StopReason
+from ikservo.guard.goal_lead import MAX_TRAVEL_RAD
 from ikservo.guard.motion_monitors import (
-    DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,
-    DeadManSwitch,
     HealthMonitor,
     ServoTelemetry,
-    TrackingMonitor,
     alarm_hint,
-    overweight_error,
     power_lost_error,
     say_what_fell,
     torque_lost_error,
@@ -27,12 +25,10 @@ from ikservo.guard.path_sampling import (
 from ikservo.model.arm_model import HealthLimits, KeepOutBox
 
 __all__ = [
-    "DEAD_MAN_TIMEOUT_S",
     "MAX_SAMPLE_STEP_RAD",
     "MAX_TRAVEL_RAD",
     "CollisionChecker",
     "CommunicationMonitor",
-    "DeadManSwitch",
     "DrivenJoint",
     "Gate",
     "HealthLimits",

@@ -9,18 +9,10 @@ from functools import cached_property
 
 from ikservo.calibration import JointMap, Limits, format_position, format_source
 from ikservo.errors import RefusedError
+from ikservo.guard.goal_lead import MAX_TRAVEL_RAD, at_rest_lead_rad, moving_lead_rad
 
 TickRow = Sequence[int | None]
 """A tick per joint, in the order of an arm's joints; None leaves a joint out."""
-
-MAX_TRAVEL_RAD = 60 * math.tau / 4096
-"""Allowed travel of a horn after its program has died [rad]: 60 ticks of 4096."""
-
-# Largest lead of a goal over a moving joint, without the steady-state error of a P-controlled servo
-# under load or the lead that compensates it.
-_LEAD_TIME_S = 0.1  # time at the joint's top speed
-_AT_REST_LEAD_RAD = 0.12  # at the horn: lead of a joint at rest that suits any joint
-_MAX_AT_REST_LEAD_RAD = 0.2  # at the horn: the largest lead at rest that an arm file gives a joint
 
 
 @dataclass(frozen=True)
@@ -86,7 +78,7 @@ class DrivenJoint:
     @property
     def at_rest_lead_rad(self) -> float:
         """The allowed lead of a goal over the measured horn when nothing moves."""
-        return min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
+        return at_rest_lead_rad(self.lifting_lag_rad)
 
     def tick(self, position: float) -> int:
         """Compute the tick nearest to a position, inside the limits if the position is.
@@ -112,12 +104,9 @@ class DrivenJoint:
         on the horn, plus the steady-state error of a servo under load: 0.12 rad on the horn, or
         more if the joint needs more to lift the arm and its payload.
         """
-        horn = self.joint_map.horn_rad_per_tick
-        moving = min(
-            min(speed, self.speed) * _LEAD_TIME_S / self.joint_map.unit_per_tick,
-            MAX_TRAVEL_RAD / horn,
-        )
-        return math.floor(moving + 1e-6) + math.floor(self.at_rest_lead_rad / horn)
+        horn, unit_per_tick = self.joint_map.horn_rad_per_tick, self.joint_map.unit_per_tick
+        moving_rad = moving_lead_rad(min(speed, self.speed) / unit_per_tick * horn)
+        return math.floor(moving_rad / horn + 1e-6) + math.floor(self.at_rest_lead_rad / horn)
 
     def describe_violation(self, tick: int) -> str:
         """Describe how a tick violates the range, with the active limit and its source."""

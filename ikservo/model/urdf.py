@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import difflib
 import math
+import posixpath
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote, urlsplit
 
 from ikservo.errors import FileFormatError
-from ikservo.files.reading import quote, read_text
-from ikservo.model.mesh_paths import resolve_mesh_path
+from ikservo.files.reading import path_inside, quote, read_text
 from ikservo.model.urdf_types import (
     Box,
     Cylinder,
@@ -34,6 +35,7 @@ from ikservo.model.urdf_xml import (
 )
 
 _MIN_AXIS_LENGTH = 1e-6
+_PACKAGE, _FILE = "package://", "file://"
 
 
 class _LimitTag(NamedTuple):
@@ -396,3 +398,41 @@ def read_urdf_text(path: Path) -> str:
         expected = f"a plain URDF; if you trust the file: {import_command(path)}"
         raise FileFormatError(path, "", found, expected)
     return read_text(path, MAX_URDF_BYTES)
+
+
+def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
+    """Return the file to which a mesh's name refers if it is in the model's folder, else None.
+
+    A relative name is resolved from the URDF. ``package://NAME/REST`` is REST or NAME/REST, in the
+    model's folder or in the URDF's. ``file://`` is an absolute path. The name itself is checked
+    first, so that nothing outside is read.
+
+    Args:
+        filename: The name in the URDF.
+        urdf: The URDF file.
+        folder: The model's folder, which contains the URDF.
+    """
+    if filename.startswith(_PACKAGE):
+        name = filename.removeprefix(_PACKAGE)
+        package, _, rest = name.partition("/")
+        if package in ("", ".", ".."):
+            return None
+        folders = (folder, urdf.parent)
+        found = [path_inside(each, part) for each in folders for part in (name, rest)]
+        inside = [path for path in found if path is not None]
+        return next((path for path in inside if path.is_file()), inside[1] if inside[1:] else None)
+    home = folder.resolve()
+    if filename.startswith(_FILE):
+        parts = urlsplit(filename)
+        path = posixpath.normpath(unquote(parts.path))
+        for base in (home, folder.absolute()) if parts.netloc in ("", "localhost") else ():
+            if path.startswith(f"{base.as_posix()}/"):
+                return path_inside(home, posixpath.relpath(path, base.as_posix()))
+        return None
+    beside = path_inside(urdf.parent, filename)
+    place = urdf.parent.resolve()
+    if beside or not filename.startswith("../") or not place.is_relative_to(home):
+        return beside
+    # The name leads out of the URDF's folder, perhaps to another subfolder of the model.
+    name = posixpath.normpath(posixpath.join(place.relative_to(home).as_posix(), filename))
+    return path_inside(home, name)

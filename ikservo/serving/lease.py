@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from ikservo.clock import Clock
 from ikservo.errors import LeaseLostError, RefusedError
-from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 
 IDLE_TIMEOUT_S = 3.0
 """Time after which a silent operator who moves nothing loses the lease [s]."""

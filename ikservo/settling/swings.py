@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ikservo.control.loop import ControlCycle
-from ikservo.control.turn_counter import TurnCounter
+from ikservo.control.reversal_counter import ReversalCounter
 from ikservo.guard import DrivenJoint
 
 # docs/how-control-works.md explains how these numbers were chosen. During motion, a joint swings if
@@ -133,8 +133,8 @@ class MotionSwings:
         per_horn = [each.unit_per_tick / each.horn_rad_per_tick for each in self._maps]
         self._names = np.array([driven.joint for driven in driven_joints])
         least = _MOTION_SWING_RAD * np.abs(per_horn)
-        self._turns = TurnCounter(least, _MOTION_TURN_S)
-        self._reversals = TurnCounter(least, math.inf)
+        self._turns = ReversalCounter(least, _MOTION_TURN_S)
+        self._reversals = ReversalCounter(least, math.inf)
         self._widest = np.zeros(len(self._maps))
         self._last_s = 0.0
 

@@ -17,7 +17,7 @@ from ikservo.arm.other_process import query_state
 from ikservo.cli import main
 from ikservo.errors import PortBusyError, RefusedError, StoppedError
 from ikservo.hardware.torque import torque_on
-from ikservo.maintenance.recovery import recover
+from ikservo.maintenance.alarm_recovery import recover
 from ikservo.model import load_model
 from ikservo.serving import stop_marks
 from ikservo.serving.control_client import request_stop, request_stop_of, stop_own_programs
@@ -55,7 +55,7 @@ STOPPABLE = {
     "hardware/register_access.py": "`enabling`, which every torque-on passes",
     "hardware/torque.py": "passes `enabling`",
     "apps/calibrating/auto_calibration.py": "takes over the bus of open_torque_off",
-    "maintenance/recovery.py": "on a bus of open_bus; its goals hold joints where they are",
+    "maintenance/alarm_recovery.py": "on a bus of open_bus; its goals hold joints where they are",
     "apps/importing/servo_assignment.py": "on a stoppable bus; each step is checked",
     "apps/workbench/servo_workbench.py": "on a stoppable bus; each write is checked",
 }

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.cli.app import all_commands, load_command
+from ikservo.cli.command_group import all_commands, load_command
 
 NEEDED = {
     "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4", "pick": "3 4",

@@ -17,7 +17,7 @@ import pytest
 
 import ikservo
 from ikservo.apps.teaching.recorder import read_recording
-from ikservo.cli.app import all_commands
+from ikservo.cli.command_group import all_commands
 
 SIM = "--arm so101 --port sim"
 RECORDING = f"record {{}} --duration 2 {SIM}"

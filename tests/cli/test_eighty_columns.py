@@ -6,7 +6,7 @@ import re
 import pytest
 
 from ikservo.cli import main
-from ikservo.cli.app import all_commands
+from ikservo.cli.command_group import all_commands
 from ikservo.cli.terminal import fold
 from tests.cli.fixtures_ports import PortInfo, set_ports
 

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 import ikservo
-from ikservo.cli.app import all_commands
-from ikservo.core import PANELS
+from ikservo.cli.command_group import all_commands
+from ikservo.core_commands import PANELS
 from ikservo.errors import ExitCode
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import ikservo
-from ikservo.cli.app import all_commands, app
+from ikservo.cli.command_group import all_commands, app
 from ikservo.cli.entry_point import COMMAND, with_connection_options
 
 PROSE = ("x", "has", "is", "program", "programs", "wrote")  # "a file that ikservo has written"

@@ -2,7 +2,7 @@
 
 import typer
 
-from ikservo.cli.app import app
+from ikservo.cli.command_group import app
 from ikservo.errors import IkservoError
 
 ClickException = typer.BadParameter.__mro__[2]  # typer has a copy of click, or uses it

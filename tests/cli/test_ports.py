@@ -7,7 +7,7 @@ import pytest
 
 from ikservo.errors import NoPortError
 from ikservo.files.reading import config_dir
-from ikservo.hardware.discovery import choose_port, remember_port
+from ikservo.hardware.port_choice import choose_port, remember_port
 from tests.cli.fixtures_ports import PortInfo, set_ports
 
 FEETECH = PortInfo("/dev/ttyACM0")

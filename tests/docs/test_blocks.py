@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from ikservo.cli import main
-from ikservo.cli.app import all_commands, app
+from ikservo.cli.command_group import all_commands, app
 from tests.docs.blocks import PAGES, ROOT, blocks
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]

@@ -8,7 +8,7 @@ import pytest
 import ikservo
 from ikservo import errors
 from ikservo.cli import main
-from ikservo.cli.app import all_commands, load_command
+from ikservo.cli.command_group import all_commands, load_command
 from ikservo.errors import ExitCode, IkservoError
 from ikservo.model.arm_schema import ArmFile
 from ikservo.registers.models import MODELS

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ikservo.guard import DeadManSwitch
+from ikservo.guard.dead_man import DeadManSwitch
 
 
 def test_dead_man_switch_never_pressed_has_expired():

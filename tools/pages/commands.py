@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from ikservo.cli.app import built_in_commands, load_command
-from ikservo.core import PANELS
+from ikservo.cli.command_group import built_in_commands, load_command
+from ikservo.core_commands import PANELS
 from ikservo.errors import ExitCode
 from pages.markdown import code, table
 

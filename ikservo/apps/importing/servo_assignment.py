@@ -10,9 +10,9 @@ from ikservo.apps.importing.folder import load_draft
 from ikservo.arm.stoppable_bus import stoppable
 from ikservo.errors import InputError, ServoSilentError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.goal_writing import write_goals
 from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.hardware.scan import FoundServo, candidate_baud_rates, scan_rate
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import nearest_goal, read_goal_range, torque_off, torque_on

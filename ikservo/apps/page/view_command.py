@@ -26,7 +26,7 @@ from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
-from ikservo.hardware.discovery import choose_port, simulated_port_url
+from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.model import Model
 from ikservo.model.scene_file import read_scene_with_arms, with_scene_and_arms
 from ikservo.remedies import install_command

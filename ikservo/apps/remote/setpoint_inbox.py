@@ -13,7 +13,7 @@ from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import RealClock
 from ikservo.control.stop_requests import RELAX_HINT
 from ikservo.errors import StoppedError
-from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from ikservo.kinematics import finite_array
 
 _POLL_S = 0.05

@@ -14,8 +14,8 @@ from ikservo.errors import BusError, FileFormatError, PortError
 from ikservo.files.reading import config_dir
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
-from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.hardware.port_names import is_simulated
 from ikservo.hardware.requester import silence_hint
 from ikservo.hardware.scan import FoundServo, candidate_baud_rates, scan

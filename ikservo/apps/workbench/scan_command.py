@@ -12,7 +12,7 @@ from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
 from ikservo.cli.results import Field, Fields, print_records
 from ikservo.cli.terminal import format_port, print_status, progress_bar
 from ikservo.errors import ExitCode, ServoSilentError
-from ikservo.hardware.discovery import choose_port, simulated_port_url
+from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.hardware.scan import FoundServo, OnScanStep, candidate_baud_rates, scan_port
 
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]

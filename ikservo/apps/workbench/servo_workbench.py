@@ -24,7 +24,6 @@ from ikservo.errors import (
     UnknownNameError,
 )
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import choose_port, simulated_port_url
 from ikservo.hardware.eeprom import (
     RegisterDifference,
     back_up_once,
@@ -36,6 +35,7 @@ from ikservo.hardware.eeprom import (
     update_eeprom,
 )
 from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.hardware.register_batches import encode_value
 from ikservo.hardware.scan import (
     FoundServo,
@@ -47,7 +47,7 @@ from ikservo.hardware.scan import (
 )
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_on
-from ikservo.maintenance.recovery import wait_for_boot
+from ikservo.maintenance.alarm_recovery import wait_for_boot
 from ikservo.model import Model
 from ikservo.registers import (
     MODELS,

@@ -17,8 +17,8 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import remove_durably, write_atomic
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.discovery import is_simulator
 from ikservo.hardware.eeprom import RegisterDifference, register_differences
+from ikservo.hardware.port_choice import is_simulator
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register

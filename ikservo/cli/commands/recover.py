@@ -13,7 +13,7 @@ from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.results import Field, Fields, print_records
 from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import ExitCode, IkservoError, InputError
-from ikservo.maintenance.recovery import RecoveryResult, recover
+from ikservo.maintenance.alarm_recovery import RecoveryResult, recover
 
 Reboot = Annotated[
     bool, typer.Option("--reboot", help="Restart the servos that need it; their torque goes off.")

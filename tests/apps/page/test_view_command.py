@@ -240,7 +240,7 @@ def test_bad_servo_view_options_are_refused(run_cli, monkeypatch, words, said):
 )
 def test_servo_view_takes_port_that_is_plugged_in_alone(run_cli, monkeypatch, devices, code):
     adapters = [SerialAdapter(device, "", 1, 2, "") for device in devices]
-    monkeypatch.setattr("ikservo.hardware.discovery.list_adapters", lambda: adapters)
+    monkeypatch.setattr("ikservo.hardware.port_choice.list_adapters", lambda: adapters)
     monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: None)
     result = run_cli("view --servos --no-open --http-port 0")
     assert result.code == code, result.err

@@ -8,7 +8,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import IkservoError, PortLostError, RefusedError
-from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from tests.apps.remote.conftest import until
 from tests.apps.remote.cutting_proxy import CUTS, CuttingProxy
 from tests.arm.simulated import registers

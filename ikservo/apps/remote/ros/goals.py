@@ -10,7 +10,7 @@ import numpy as np
 
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.errors import BadValueError, InputError, RefusedError
-from ikservo.guard import DEAD_MAN_TIMEOUT_S
+from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, quaternion_to_matrix

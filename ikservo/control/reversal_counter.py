@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ikservo.kinematics.arrays import Vector
 
 
-class TurnCounter:
+class ReversalCounter:
     """Counts reversals of errors in quick succession: a joint that swings has many.
 
     Args:
@@ -29,7 +29,7 @@ class TurnCounter:
         self._extreme = np.zeros_like(self._least)
         self._grows = np.ones(len(self._least), dtype=bool)
         self._since_s = np.full_like(self._least, np.inf)
-        self._turn = np.zeros_like(self._least)
+        self._reversal = np.zeros_like(self._least)
         self.count = np.zeros(len(self._least), dtype=int)
         self.width = np.zeros_like(self._least)
 
@@ -45,12 +45,12 @@ class TurnCounter:
         """
         self._since_s = self._since_s + elapsed_s
         beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
-        turned = fresh & (beyond < -self._least)
-        self.width = np.where(turned, np.abs(self._extreme - self._turn), self.width)
-        self._turn = np.where(turned, self._extreme, self._turn)
-        self._extreme = np.where(turned | (fresh & (beyond > 0.0)), error, self._extreme)
-        self._grows = self._grows ^ turned
+        has_reversed = fresh & (beyond < -self._least)
+        self.width = np.where(has_reversed, np.abs(self._extreme - self._reversal), self.width)
+        self._reversal = np.where(has_reversed, self._extreme, self._reversal)
+        self._extreme = np.where(has_reversed | (fresh & (beyond > 0.0)), error, self._extreme)
+        self._grows = self._grows ^ has_reversed
         again = np.where(self._since_s < self._within_s, self.count + 1, 1)
-        self.count = np.where(turned, again, self.count)
-        self._since_s = np.where(turned, 0.0, self._since_s)
-        return turned
+        self.count = np.where(has_reversed, again, self.count)
+        self._since_s = np.where(has_reversed, 0.0, self._since_s)
+        return has_reversed

@@ -15,7 +15,7 @@ from ikservo.app import Command
 from ikservo.app_discovery import built_in_apps, installed_apps
 from ikservo.cli.checked_command import CheckedCommand
 from ikservo.cli.terminal import print_status
-from ikservo.core import PANELS
+from ikservo.core_commands import PANELS
 from ikservo.errors import ExitCode
 
 
