@@ -68,8 +68,7 @@ class MotionRunner:
 
     Attributes:
         loop: Streams trajectories to the servos.
-        watches_scene: Whether the scene may change during the running motion, which then checks its
-            path again.
+        watches_scene: Whether the scene may change, because the motion checks its path again.
         caches_states: Whether joint states are read before each motion for ``last_state``, even if
             the motion runs in the main thread.
         on_overheat: Called to switch torque off if a motion failed and a servo is too hot to hold.
@@ -171,8 +170,7 @@ class MotionRunner:
     def set_joint_torque(self, joint: str, *, on: bool) -> None:
         """Switch one joint's torque on, with its goal at its position, or off.
 
-        Switching torque on moves nothing. A joint without torque falls, with everything that it
-        carries.
+        Nothing moves at switch-on. A joint without torque falls, with everything that it carries.
 
         Raises:
             RefusedError: A motion is running, or a stop was not acknowledged.

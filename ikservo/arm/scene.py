@@ -217,8 +217,8 @@ class Scene:
         """Add another arm of this program, and this arm to its scene.
 
         From then on, only one of the two moves at a time and avoids the other. The other arm is
-        assumed to stay where it was when the motion began, even if a person moves it by hand; a
-        closed arm, where it was when it was closed.
+        assumed to stay where it was at the beginning of the motion, or when it was closed, even if
+        a person moves it by hand.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 

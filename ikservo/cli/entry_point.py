@@ -272,7 +272,7 @@ def _run_command(args: list[str]) -> int:
 
 
 def _error_chain(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield an error and the errors during whose handling it was raised."""
+    """Yield an error, and the errors that were being handled when it was raised."""
     while error is not None:
         yield error
         error = error.__context__

@@ -113,8 +113,7 @@ class SdkPort:
     def sleep_until_due(self, expected: int) -> None:
         """Sleep until ``expected`` bytes can have arrived, to wake up once for many packets.
 
-        Return delays are not included, because they only make replies later. In virtual time there
-        is no sleep.
+        Return delays are ignored, because they only add time. In virtual time there is no sleep.
         """
         if self._virtual:
             return

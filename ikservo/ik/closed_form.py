@@ -119,8 +119,7 @@ def _with_another_wrist(
 ) -> Iterator[tuple[Candidate, ...]]:
     """Yield candidates for six joints whose wrist leaves its start position.
 
-    The first have the forearm's roll at zero, which gives three parallel links; the others have one
-    of a few wrist positions.
+    In the first, the forearm's roll is zero, which gives three parallel links; the wrists differ.
     """
     arm, start = problem.arm, problem.start
     if arm.with_wrist_locked:

@@ -60,12 +60,12 @@ class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
-    When the joint has crossed the target, or is pressed away from it, an error of one tick counts
-    as arrived: reversing would cross the backlash and make the joint jump further. Each time it
-    jumps over the target again, the accepted error doubles. While the joint moves, its goal moves
-    back, against its speed, so that the jump is short. The servo of a joint that swings is softened
-    until the joint rests (``SwingDamper``); the joint is then corrected slowly. If this starts
-    swings repeatedly, the goal stays.
+    When it has crossed the target, or is pressed away from it, an error of one tick is accepted,
+    because reversing would cross the backlash and make it jump further. Each time it jumps over the
+    target again, the accepted error doubles. While it moves, its goal moves back, against its
+    speed, so that the jump is short. The servo of a joint that swings is softened until the joint
+    rests (``SwingDamper``); the joint is then corrected slowly. If this starts swings repeatedly,
+    the goal stays.
 
     Args:
         driven: The joint with its servo and limits.

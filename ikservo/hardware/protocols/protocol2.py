@@ -173,8 +173,7 @@ class Protocol2Codec:
             return False
         if len(start) >= _INSIDE:
             count = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            # Stuffing adds at most one byte to every three; the first three may begin before the
-            # data.
+            # Stuffing adds at most one byte to every three, which may begin in the header.
             if count != 0 and not any(
                 size <= count <= size + (size + 1) // 3 + 1 for size in sizes
             ):
