@@ -23,7 +23,7 @@ _MARGIN_M = 0.004
 class LinkTravelBounds:
     """Bounds on the motion of any point of a link's capsules, per unit of each joint.
 
-    A point moves by at most the angle times its distance from the joint's axis. This distance is
+    A point moves by at most the joint's angle times its distance from the axis. This distance is
     known for the first joint at the link; for others it is at most the sum of lengths in between.
 
     Args:
