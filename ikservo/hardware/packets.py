@@ -40,7 +40,7 @@ class ReplyFault:
     Attributes:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: What happened, as a predicate of the servo's name: "does not answer".
+        found: The fault, as a predicate of the servo's name: "does not answer".
         alarm_bits: The alarms reported by a servo that refuses.
         sent: The request.
         received: Everything that was received.

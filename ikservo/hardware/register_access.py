@@ -1,4 +1,4 @@
-"""Access to registers of single servos; no goal can switch on torque that is off."""
+"""Access to registers of single servos; goals are refused while torque is off."""
 
 from __future__ import annotations
 
