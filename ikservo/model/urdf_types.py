@@ -41,7 +41,7 @@ class UrdfMimic:
 
 @dataclass(frozen=True, slots=True)
 class UrdfJoint:
-    """One ``<joint>``: the place of the child frame in the parent frame, and its motion there.
+    """One ``<joint>``: the pose of the child frame in the parent frame, and its motion there.
 
     Attributes:
         name: Name, unique in the file.
