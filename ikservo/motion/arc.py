@@ -44,7 +44,7 @@ class ArcPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """The distances of both ends."""
+        """The distances along the arc of both ends: 0 and the length, metres."""
         return [0.0, self.length]
 
     def path_length(self) -> float:
