@@ -282,7 +282,7 @@ class WaySearch:
         self._state[sizes + tree] = len(left)
 
     def _shortened(self, way: Matrix, step_m: float) -> Matrix:
-        """Shorten a path (k, n) by shortcuts whose samples are free."""
+        """Shorten a path (k, n) by shortcuts that are free at all samples."""
         room = len(way) + _ROOM
         nodes, state = np.zeros((2 * room, way.shape[1])), self._state.copy()
         nodes[: len(way)] = way
