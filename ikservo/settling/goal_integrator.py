@@ -120,7 +120,7 @@ class GoalIntegrator:
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has swung too often, and is not corrected."""
+        """Whether the joint is not corrected because it swings or has swung too often."""
         return self._swing.swings
 
     @property
