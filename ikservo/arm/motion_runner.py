@@ -247,7 +247,7 @@ class MotionRunner:
     def close(self, relax: Callable[[], object] | None, leave: Callable[[], None]) -> None:
         """Close the port; another thread's motion ends with ``StoppedError`` first.
 
-        A fork of the process that opened the arm has no port to close, and relaxes nothing.
+        A forked child of the process that opened the arm closes no port and relaxes nothing.
 
         Args:
             relax: Lowers the arm before the port is closed; None leaves torque unchanged.
@@ -255,7 +255,7 @@ class MotionRunner:
                 processes.
 
         Raises:
-            RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
+            RefusedError: A callback of the arm's motion tried to relax and close the arm.
         """
         if os.getpid() != self._process_id:
             self._closed = True

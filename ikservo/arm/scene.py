@@ -53,9 +53,9 @@ class InScene(Protocol):
 class Scene:
     """Things around an arm, in its base frame, and things that its gripper holds.
 
-    A scene begins with the things in the arm file and the scene file. Motions that are planned
-    later avoid them; an earlier plan is checked again when it is executed. Things may
-    change while a planned motion runs: the arm stops in front of an obstacle in its path.
+    A new scene contains the things in the arm file and the scene file. Motions that are planned
+    later avoid them; an earlier plan is checked again when it is executed. Things may change while
+    a planned motion runs: the arm stops in front of an obstacle in its path.
 
     Args:
         context: The arm.
