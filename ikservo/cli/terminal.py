@@ -99,7 +99,7 @@ def _split_words(text: str, width: int) -> Iterator[str]:
 def print_json(schema: str, **fields: object) -> None:
     """Print one JSON object on stdout; ``schema`` is its name, such as ``move``.
 
-    Control characters are escaped, because a terminal would obey them. The output is flushed,
+    Control characters are escaped, because a terminal would execute them. The output is flushed,
     because a program at the other end of a pipe may wait for it while the command runs.
     """
     named = {"schema": f"ikservo/{schema}/1", **fields}
