@@ -1,8 +1,8 @@
 """Moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
 
 A body is a link that a joint of q moves, with all links that are fixed to it. Links that q does not
-move (of a gripper beside the path to the tip) are fixed to the body that carries them. The first
-axis of all arrays is the body, parents first, the second one the sample.
+move (such as those of a gripper beside the path to the tip) are fixed to the body that carries
+them. The first axis of all arrays is the body, parents first, the second one the sample.
 """
 
 from __future__ import annotations
