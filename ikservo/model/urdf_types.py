@@ -163,7 +163,7 @@ class UrdfLink:
 
 @dataclass(frozen=True, slots=True)
 class Urdf:
-    """A whole robot: one tree of links, held together by joints.
+    """A whole robot: one tree of links, connected by joints.
 
     Attributes:
         name: The robot's name; empty if the file gives none.
