@@ -436,7 +436,7 @@ class PreflightPlanner:
             blocked.command_hint += " Or first move the arm by hand until it is free."
 
     def _plans_via_pose(self, request: _MotionRequest) -> Iterator[MotionPlan]:
-        """Yield free plans that leave a contact first."""
+        """Yield collision-free plans that first leave a contact."""
         for pose, first in self._ways_out(request):
             with suppress(RefusedError):
                 then = self._plan_directly(replace(request, start=first.goal))
