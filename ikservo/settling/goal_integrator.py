@@ -212,7 +212,7 @@ class GoalIntegrator:
 
     @property
     def _along(self) -> float:
-        """Displacement of the goal along with a swing; 0 if the joint only has to come to rest."""
+        """Displacement of the goal in phase with a swing; 0 if the joint only needs to rest."""
         return 0.0 if self.target is None else self._swing.goal_ticks
 
     def _inside(self, goal: float) -> float:
