@@ -344,7 +344,7 @@ class Scene:
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:
-        """Keep both arms and their scenes unchanged in the block; locks are taken in one order."""
+        """Keep both arms and scenes unchanged in the block; locks are taken in a fixed order."""
         first, second = sorted((self, other), key=id)
         with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
