@@ -419,7 +419,7 @@ def _open_line(name: str, baud_rate: int) -> Transport:
 
 
 def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:
-    """Refuse an arm that cannot share an adapter with the arms that are open there."""
+    """Refuse an arm that cannot share an adapter with the arms already open on it."""
     if port.baudrate != baud_rate:
         raise PortError(
             f"{port.name} is open at {port.baudrate} baud; {own.arm} needs {baud_rate}.",

@@ -252,7 +252,7 @@ class RegisterAccess:
 
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
-        """Allow goals to servos whose torque is off, within the block that switches torque on.
+        """Allow goals for servos without torque, within the block that switches torque on.
 
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
         must be the servo's position. A servo whose torque was off and is not known to be on after
