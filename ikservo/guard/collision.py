@@ -295,7 +295,7 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Compute the overlap [m] of each pair that is allowed in addition to that at the start.
+        """Compute the overlap [m] allowed for each pair beyond its overlap at the start.
 
         If only the sagging arm touches, it may use half of the distance that the arm without sag
         has at the start.
