@@ -298,7 +298,7 @@ def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
 
 
 def describe_torque(states: Sequence[JointState]) -> str:
-    """Return the text ``torque stays on``, or a text that names the servos whose torque is off."""
+    """Return ``torque stays on``, or a text with the names of the servos without torque."""
     limp = [state.name for state in states if not state.torque]
     if not limp:
         return "torque stays on"
