@@ -54,7 +54,7 @@ _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
 def with_connection_options(hint: str, args: Sequence[str]) -> str:
-    """Return a hint in which commands have the arm and port that the user gave.
+    """Return a hint with the user's arm and port in its commands.
 
     Args:
         hint: A sentence with commands in it.
