@@ -135,7 +135,7 @@ class TargetKind(IntEnum):
 
 
 def check_options(options: object) -> None:
-    """Raise BadValueError if these are not options."""
+    """Raise BadValueError if the value is not ``Options``."""
     if not isinstance(options, Options):
         raise BadValueError(
             "The value of options", shown(options), "Options, such as Options(restarts=20)"
