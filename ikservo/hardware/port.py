@@ -212,7 +212,7 @@ class SdkPort:
         return self.clock.now_s() > self._packet_deadline_s
 
     def _port_lost_error(self, error: Exception) -> PortError:
-        """Return the error that names how the port was lost."""
+        """Return an error that says how the port was lost."""
         if not self.is_open:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if isinstance(self.transport, _ForeignTransport):

@@ -167,7 +167,7 @@ class Protocol2Codec:
         return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")
 
     def _may_continue(self, data: bytes, at: int, sizes: Collection[int]) -> bool:
-        """Check whether the bytes from here on may become an expected packet."""
+        """Check whether an expected packet may begin here, complete or not."""
         start = data[at : at + _INSIDE + 1]
         if len(start) > 4 and start[4] > self.highest_id:
             return False
