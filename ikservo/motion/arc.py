@@ -108,7 +108,7 @@ def arc_through_points(
 def arc_about_axis(
     start_m: Vector, center_m: ArrayLike, normal: ArrayLike, angle_rad: float
 ) -> ArcPath:
-    """Compute the arc that a start (3,) [m] describes about an axis.
+    """Compute the arc from a start (3,) [m] about an axis.
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
     starts at the start point and runs counter-clockwise about the normal; the centre need not be in
