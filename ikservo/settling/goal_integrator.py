@@ -111,7 +111,7 @@ class GoalIntegrator:
 
     @property
     def arrived(self) -> bool:
-        """Whether the joint is as close to its target as it can get."""
+        """Whether the joint is as close to its target as possible."""
         beside = abs(self.error_ticks)
         low, high = self._stuck
         # Gears without load would have to change their flank on the way to the target.
