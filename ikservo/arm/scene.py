@@ -330,7 +330,7 @@ class Scene:
             self._change(things, held)
 
     def close(self) -> None:
-        """Tell the scenes of other arms where this arm stays, before its port is closed."""
+        """Store this arm's position in the scenes of other arms before its port is closed."""
         for scene in self._others:
             scene._others[self].close()
 
