@@ -335,7 +335,7 @@ def _discard_input() -> None:
 
 
 def _read_line() -> str:
-    """Read a line with its end; empty at the end of the input."""
+    """Read a line with its newline; empty at the end of the input."""
     if sys.platform == "win32":
         return sys.stdin.readline()
     # Not from `sys.stdin`, which would keep a second typed line for later.
