@@ -52,8 +52,7 @@ class App:
         name: Name of the app, of its folder, of its page in the documents, and of its extra.
         commands: The commands by name; "arms new" is ``new`` in the group ``arms``.
         names: Names that are added to the package ``ikservo``, each with its place.
-        arm_methods: Methods of an open arm, each with the place of a function that takes the arm
-            first.
+        arm_methods: Methods of an open arm, each with the place of a function of the arm.
         arm_values: Attributes of an open arm, each with the place of a function of the arm.
         motions: Kinds of motions, each with the place of its class; programs use them as steps.
         networks: Address schemes, each with the place of an ``ArmNetwork``.

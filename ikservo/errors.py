@@ -234,7 +234,7 @@ class BusError(IkservoError):
         servo_id: The id alone, if the error concerns one servo.
         port: The port's name.
         request: The request to the servo.
-        found: The fault that replaced a valid reply.
+        found: The fault, as a predicate of the servo's name: "does not answer".
         sent: The bytes of the request, for bug reports.
         received: The bytes that came back.
     """
@@ -442,7 +442,7 @@ class BlockedError(RefusedError):
     """A path cannot be taken, though another path may be possible; nothing was sent.
 
     Attributes:
-        cause: The reason, without its place on the path.
+        cause: The reason, without the place on the path.
     """
 
     def __init__(self, cause: str, message: str, hint: str) -> None:

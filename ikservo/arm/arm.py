@@ -174,7 +174,7 @@ class Arm(MotionMethods):
 
         Raises:
             UnknownNameError: ``on_exit`` is neither of these; the arm stays open.
-            RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
+            RefusedError: A callback of the arm's motion tried to relax and close the arm.
         """
         chosen = check_exit(on_exit or self._on_exit)
         if self._port.is_open:

@@ -220,7 +220,7 @@ class _TargetFollower:
         self.reason = self.ended = ""
 
     def next_goal(self, cycle: ControlCycle) -> Vector | None:
-        """Compute the goal (n,); None if no target has arrived for too long."""
+        """Compute the goal (n,); None after a time-out without a target."""
         if self._goal is None:
             self._goal = self._context.servos.reference()
             self._dead_man.refresh(self._context.now_s())

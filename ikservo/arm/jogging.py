@@ -144,8 +144,8 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
         speed: rad/s for a joint (m/s for a prismatic one) or m/s for the tip; negative to reverse.
             None: the arm file's slow speed, or 0.05 m/s for the tip.
-        wanted: Called in every control cycle: True continues, False brakes and holds, None decides
-            nothing; after 0.3 s of None, the arm also brakes and holds.
+        wanted: Called in every control cycle: True continues, False brakes and holds, None means no
+            decision; after 0.3 s without a decision, the arm also brakes and holds.
 
     Returns:
         The final position and the reason for the end: no longer requested, a limit, or the guard.

@@ -24,9 +24,8 @@ def follow_arm(
     """Follow another arm that is guided by hand, coupling joints of the same name.
 
     ``leader`` is an open arm on another port or another machine. Its torque stays unchanged, and
-    its gripper leads the gripper of this arm. This arm keeps its own limits, and brakes if the
-    leader does not answer for 0.3 s. Following ends when ``until``, called in every control cycle,
-    returns True.
+    its gripper leads this arm's gripper. This arm keeps its own limits, and brakes if the leader
+    does not answer for 0.3 s. Following ends when ``until``, called in every cycle, returns True.
 
     ``speed`` is the speed class; fast follows most closely. ``on_progress`` is called with a
     ``MotionProgress`` in every cycle.

@@ -334,8 +334,8 @@ class MotionMethods(Protocol):
         """Move the tip to a point (3,) [m] on a straight line; options: see ``MoveLine``.
 
         Raises:
-            UnreachableError: A point on the line is out of reach; nothing has moved. Others as for
-                ``move_to``.
+            UnreachableError: A point on the line is out of reach; nothing has moved. Other
+                errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveLine(position_m, **_fields(MoveLine, options))
@@ -376,8 +376,8 @@ class MotionMethods(Protocol):
 
         Raises:
             BadValueError: The points are collinear, or the radius is zero; nothing has moved.
-            UnreachableError: A point of the arc is out of reach; nothing has moved. Others as for
-                ``move_to``.
+            UnreachableError: A point of the arc is out of reach; nothing has moved. Other
+                errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveArc(via_m, end_m, **_fields(MoveArc, options))
@@ -400,8 +400,8 @@ class MotionMethods(Protocol):
         """Move the tip through points (k, 3) [m] without stopping; options: see ``MoveThrough``.
 
         Raises:
-            UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others
-                as for ``move_to``.
+            UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Other
+                errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveThrough(points_m, **_fields(MoveThrough, options))
@@ -435,7 +435,7 @@ class MotionMethods(Protocol):
 
         Raises:
             UnreachableError: A point is out of reach; the first one is named. Nothing has moved.
-                Others as for ``move_to``.
+                Other errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = Draw(strokes_m, **_fields(Draw, options))
@@ -463,8 +463,8 @@ class MotionMethods(Protocol):
 
         Raises:
             UnknownNameError: There is no such joint.
-            RefusedError: A position is outside the limits; nothing has moved. Others as for
-                ``move_to``.
+            RefusedError: A position is outside the limits; nothing has moved. Other
+                errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveJoints(
@@ -516,8 +516,8 @@ class MotionMethods(Protocol):
         """Point the tool axis at a point (3,) [m]; the tip may move.
 
         Raises:
-            AimError: The limits do not allow this direction; nothing has moved. Others as for
-                ``move_to``.
+            AimError: The limits do not allow this direction; nothing has moved. Other
+                errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = LookAt(point_m, **_fields(LookAt, options))

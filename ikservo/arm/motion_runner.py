@@ -68,8 +68,7 @@ class MotionRunner:
 
     Attributes:
         loop: Streams trajectories to the servos.
-        watches_scene: Whether the scene may change during the running motion, which then checks its
-            path again.
+        watches_scene: Whether the scene may change, because the motion checks its path again.
         caches_states: Whether joint states are read before each motion for ``last_state``, even if
             the motion runs in the main thread.
         on_overheat: Called to switch torque off if a motion failed and a servo is too hot to hold.
@@ -171,8 +170,7 @@ class MotionRunner:
     def set_joint_torque(self, joint: str, *, on: bool) -> None:
         """Switch one joint's torque on, with its goal at its position, or off.
 
-        Switching torque on moves nothing. A joint without torque falls, with everything that it
-        carries.
+        Nothing moves at switch-on. A joint without torque falls, with everything that it carries.
 
         Raises:
             RefusedError: A motion is running, or a stop was not acknowledged.
@@ -249,7 +247,7 @@ class MotionRunner:
     def close(self, relax: Callable[[], object] | None, leave: Callable[[], None]) -> None:
         """Close the port; another thread's motion ends with ``StoppedError`` first.
 
-        A fork of the process that opened the arm has no port to close, and relaxes nothing.
+        A forked child of the process that opened the arm closes no port and relaxes nothing.
 
         Args:
             relax: Lowers the arm before the port is closed; None leaves torque unchanged.
@@ -257,7 +255,7 @@ class MotionRunner:
                 processes.
 
         Raises:
-            RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
+            RefusedError: A callback of the arm's motion tried to relax and close the arm.
         """
         if os.getpid() != self._process_id:
             self._closed = True

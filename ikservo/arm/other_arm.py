@@ -1,4 +1,4 @@
-"""Another arm within reach of an arm, and the present position of its links."""
+"""Another arm in reach of this one, and the present positions of its links."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def _request(model: Model, device: str, command: ControlCommand, timeout_s: floa
 
 
 def halt_line(model: Model, port: str | None) -> StopOutcome:
-    """Open the port of an arm that no program uses, and hold every joint that has torque.
+    """Open the port of an arm that no program uses, and hold every joint with torque.
 
     Neither models nor calibration are checked, so that anything that moves is stopped.
 

@@ -223,7 +223,7 @@ class _PathWatch:
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Compute goals (n,) from which joints with known backlash reach their final goals upwards.
+    """Compute goals (n,) that are below the final ones for joints with known backlash.
 
     The result is None for a line, which the tool must not leave, and if something is in the way.
     """

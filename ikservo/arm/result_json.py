@@ -1,4 +1,4 @@
-"""Convert results of a served arm to JSON and back: listed dataclasses, arrays as lists."""
+"""Convert results of a served arm to JSON and back; only listed dataclasses are allowed."""
 
 from __future__ import annotations
 

@@ -53,9 +53,9 @@ class InScene(Protocol):
 class Scene:
     """Things around an arm, in its base frame, and things that its gripper holds.
 
-    A scene begins with the things in the arm file and the scene file. Motions that are planned
-    later avoid them; an earlier plan is checked again when it is executed. Things may
-    change while a planned motion runs: the arm stops in front of an obstacle in its path.
+    A new scene contains the things in the arm file and the scene file. Motions that are planned
+    later avoid them; an earlier plan is checked again when it is executed. Things may change while
+    a planned motion runs: the arm stops in front of an obstacle in its path.
 
     Args:
         context: The arm.
@@ -217,8 +217,8 @@ class Scene:
         """Add another arm of this program, and this arm to its scene.
 
         From then on, only one of the two moves at a time and avoids the other. The other arm is
-        assumed to stay where it was when the motion began, even if a person moves it by hand; a
-        closed arm, where it was when it was closed.
+        assumed to stay where it was at the beginning of the motion, or when it was closed, even if
+        a person moves it by hand.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 
@@ -330,7 +330,7 @@ class Scene:
             self._change(things, held)
 
     def close(self) -> None:
-        """Tell the scenes of other arms where this arm stays, before its port is closed."""
+        """Store this arm's position in the scenes of other arms before its port is closed."""
         for scene in self._others:
             scene._others[self].close()
 
@@ -344,7 +344,7 @@ class Scene:
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:
-        """Keep both arms and their scenes unchanged in the block; locks are taken in one order."""
+        """Keep both arms and scenes unchanged in the block; locks are taken in a fixed order."""
         first, second = sorted((self, other), key=id)
         with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield

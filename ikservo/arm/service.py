@@ -32,7 +32,7 @@ _WATCH_PERIOD_S = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmDescription:
-    """The description of an arm that another program needs besides the model.
+    """The description of an arm that another program needs in addition to the model.
 
     Attributes:
         version: The version of ikservo.

@@ -28,8 +28,8 @@ _POLL_PERIOD_S = 0.1  # time in which a waiting sender notices the loop's end
 class SetpointMailbox:
     """Passes the newest setpoint from the program to the control loop.
 
-    Simulated time could run far ahead of the program. The mailbox therefore stops it until the next
-    setpoint if the sender has a fixed rate, and lets it follow real time otherwise.
+    Simulated time could run far ahead of the program. The mailbox therefore pauses it until the
+    next setpoint of a sender with a fixed rate; for other senders, it follows real time.
 
     Args:
         clock: The clock of the arm.

@@ -1,4 +1,4 @@
-"""A bus that lets the user's other programs stop the program that has opened it."""
+"""A bus through which the user's other programs can stop the program that uses it."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class LerobotJoint:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the joint has a full revolution instead of a range."""
+        """Whether the range is a full revolution."""
         return (self.range_min, self.range_max) == _FULL_TURN
 
 

@@ -32,7 +32,7 @@ def camera_path(arm: str, usb_serial_number: str, name: str = "") -> Path:
 
 
 def journal_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the journal of an interrupted write into that arm's servos."""
+    """Return the journal of an interrupted write into an arm's servos."""
     return config_dir() / "journal" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 

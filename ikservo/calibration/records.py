@@ -102,7 +102,7 @@ class CalibratedJoint(StrictModel):
 
 
 class CalibratedOrigin(StrictModel):
-    """The corrected origin of a joint, for a link with another length."""
+    """The corrected origin of a joint, for a link whose length differs from the arm file's."""
 
     joint: Name = Field(description="a joint between base and tip")
     moved_mm: tuple[Move, Move, Move] = Field(strict=False, description=_MOVE)

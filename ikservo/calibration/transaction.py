@@ -196,8 +196,7 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
     Args:
         bus: The servos.
         journal_path: The journal.
-        calibrating: Whether the caller is calibrating the arm, and will undo a temporary
-            transaction itself if torque is on.
+        calibrating: Whether the caller calibrates the arm and itself undoes what remains.
 
     Returns:
         Text for the user about what was done; empty if there was nothing to do.

@@ -27,7 +27,7 @@ def names_arm(word: str) -> bool:
 
 
 class CheckedCommand(TyperCommand):
-    """Accepts the arm as ``--arm`` or as a bare name, and only finite numbers of normal size."""
+    """Accepts the arm as ``--arm`` or as a bare name, and only finite numbers of moderate size."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments and check their numbers."""

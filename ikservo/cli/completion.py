@@ -45,7 +45,7 @@ def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 
 def complete_jogs(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Complete to joints of the chosen arm and directions of the tip, for ``jog``."""
+    """Complete a prefix to joints of the chosen arm and directions of the tip, for ``jog``."""
     model = _model_from_context(ctx)
     names = [] if model is None else [joint.name for joint in model.joints]
     return _filter_by_prefix([*names, *_DIRECTIONS], incomplete)

@@ -23,13 +23,13 @@ from ikservo.model import Model
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
     """Run the test motion of all joints, unless the present files are already confirmed.
 
-    The result is whether the test ran. The arm may then be away from the start of an earlier plan.
+    Returns whether the test ran; the arm may then be away from the start of an earlier plan.
 
     An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
 
     Args:
         machine: The arm, before it moves.
-        options: Tell whether to skip the test or the questions to the user.
+        options: Determine whether the test or the questions to the user are skipped.
 
     Raises:
         CalibrationError: A joint is not the expected one.

@@ -54,7 +54,7 @@ _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
 def with_connection_options(hint: str, args: Sequence[str]) -> str:
-    """Return a hint in which commands have the arm and port that the user gave.
+    """Return a hint with the user's arm and port in its commands.
 
     Args:
         hint: A sentence with commands in it.
@@ -272,7 +272,7 @@ def _run_command(args: list[str]) -> int:
 
 
 def _error_chain(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield an error and the errors during whose handling it was raised."""
+    """Yield an error, and the errors that were being handled when it was raised."""
     while error is not None:
         yield error
         error = error.__context__

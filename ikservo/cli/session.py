@@ -126,7 +126,7 @@ def open_from_options(
 
 @contextmanager
 def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
-    """Open the other arms of a scene, which are only measured, so that they can be avoided.
+    """Open the other arms of a scene to measure them, so that they can be avoided.
 
     Raises:
         RefusedError: The command's arm is on another machine, or another arm cannot be measured.

@@ -99,7 +99,7 @@ def _split_words(text: str, width: int) -> Iterator[str]:
 def print_json(schema: str, **fields: object) -> None:
     """Print one JSON object on stdout; ``schema`` is its name, such as ``move``.
 
-    Control characters are escaped, because a terminal would obey them. The output is flushed,
+    Control characters are escaped, because a terminal would execute them. The output is flushed,
     because a program at the other end of a pipe may wait for it while the command runs.
     """
     named = {"schema": f"ikservo/{schema}/1", **fields}
@@ -335,7 +335,7 @@ def _discard_input() -> None:
 
 
 def _read_line() -> str:
-    """Read a line with its end; empty at the end of the input."""
+    """Read a line with its newline; empty at the end of the input."""
     if sys.platform == "win32":
         return sys.stdin.readline()
     # Not from `sys.stdin`, which would keep a second typed line for later.

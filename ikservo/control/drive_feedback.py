@@ -56,8 +56,7 @@ class DriveReader:
         Duty and current are positive towards larger positions; a current without a measured
         direction is a magnitude. Values that are not measured are NaN, as are unused rows of joints
         with fewer servos. Other servos of a joint get the signs of its first servo. Positions are
-        those of the joint, rad or m, from its first servo. The result is None if a reply is
-        missing.
+        those of the joint, rad or m, from its first servo. Returns None if a reply is missing.
         """
         readings = self._bus.bulk_read(
             {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}, raw=True

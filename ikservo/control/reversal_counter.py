@@ -9,7 +9,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 class ReversalCounter:
-    """Counts reversals of errors in quick succession: a joint that swings has many.
+    """Counts reversals of errors in quick succession, which are frequent while a joint swings.
 
     Args:
         least: Smallest reversal (n,), rad or m; smaller ones are noise and stiction.

@@ -28,10 +28,9 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 class StopRequest:
     """A request to stop the arm: its reason and the number of requests.
 
-    Signal handlers and threads may set it, because this takes only a few assignments. The control
-    loop checks it in every cycle. A stop also ends earlier requests that have not moved the arm
-    yet: ``requested`` marks the code that executes a request, and ``check_request`` raises an error
-    in it after a stop.
+    Signal handlers and threads may set it, because this takes few assignments. The control loop
+    checks it in every cycle. A stop also ends requests that have not moved the arm yet:
+    ``requested`` marks the code of a request, and ``check_request`` raises an error in it.
 
     Attributes:
         times: The number of stop requests since the last one was acknowledged.
@@ -90,8 +89,7 @@ class StopRequest:
 
         Args:
             count: The ``count`` of stops at the request; None for the present one.
-            anew: Whether the request is independent of one that this thread may already be
-                executing.
+            anew: Whether the request is independent of one that this thread is already executing.
             withdrawn: Set by the requester to withdraw the request; its planning then ends, as
                 after a stop.
         """

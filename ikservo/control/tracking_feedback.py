@@ -48,10 +48,10 @@ class TrackingFeedback:
 
     ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error. This sum
     and its rate of change are bounded, and the sum fades if a joint swings. The integral is a load
-    that the model does not know: goals lead by it and by the friction of the gears under it, so
-    that a load learned while a joint sinks also lifts the joint. The integral grows so that goals
-    move by ``ki e`` per second. Friction beyond the model's is learned while joints move, from the
-    error along their motion (Friedland and Park 1992, "On adaptive friction compensation").
+    missing from the model. Goals lead by this load and by the gear friction that it causes, so that
+    a load learned while a joint sinks is also lifted. The integral grows so that goals move by ``ki
+    e`` per second. Friction beyond the model's is learned while joints move, from the error along
+    their motion (Friedland and Park 1992, "On adaptive friction compensation").
 
     Args:
         per_horn_rad: Motion of each joint per radian of its horn (n,), rad or m.

@@ -62,8 +62,7 @@ def write_atomic(
             permissions.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; the error says whether the file was
-            changed.
+        FileWriteError: The disk is full, read-only or broken; ``changed`` says if it was written.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):

@@ -118,8 +118,8 @@ class CollisionChecker:
         An arm that touches the table or itself may move out of the contact. A pair in contact at
         the start may stay at that depth until it separates; afterwards it may overlap by at most
         0.5 mm. The same holds for a pair that is within 0.5 mm of contact at the start. A stream
-        checks two vectors: the present posture, and the posture in which it would stop. Between the
-        vectors, joints move on straight lines; the path is sampled more finely where a contact is
+        checks two vectors: the present posture and the one in which it would stop. Joints move on
+        straight lines between the vectors; the path is sampled more finely where a contact is
         possible.
 
         Args:
@@ -295,7 +295,7 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Compute the overlap [m] of each pair that is allowed in addition to that at the start.
+        """Compute the overlap [m] allowed for each pair beyond its overlap at the start.
 
         If only the sagging arm touches, it may use half of the distance that the arm without sag
         has at the start.

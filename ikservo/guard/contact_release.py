@@ -1,4 +1,4 @@
-"""Find a nearby posture in which an arm that touches something is free again."""
+"""Find a nearby collision-free posture for an arm that touches something."""
 
 from __future__ import annotations
 

@@ -78,6 +78,6 @@ def overweight_error(joints: Sequence[str]) -> RefusedError:
 
 
 def _not_following(joints: Sequence[str]) -> str:
-    """Return the clause that names the joints that do not follow."""
+    """Return a clause with the names of the joints that do not follow."""
     verb = "does not follow its setpoint" if len(joints) == 1 else "do not follow their setpoints"
     return f"{', '.join(joints)} {verb}"

@@ -104,7 +104,7 @@ class JointGate:
         return not now_s - self._measured_s <= _STALE_S  # this form makes NaN stale
 
     def ease(self) -> float:
-        """Compute the rate at which goals may advance, 0 to 1; lower from 3/4 of the lead on."""
+        """Compute how fast goals may advance, 0 to 1; below 1 from 3/4 of the maximum lead."""
         lead = self._lead()
         if lead is None:
             return 0.0

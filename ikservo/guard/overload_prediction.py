@@ -101,7 +101,7 @@ class OverloadMonitor:
         return tuple([name for name, joint in self._joints.items() if joint.bound is not None])
 
     def seconds_left(self, joint: str) -> float | None:
-        """Compute the time for which a joint may still press; None if it presses less hard."""
+        """Compute the time for which a joint may stay overloaded; None if it is not overloaded."""
         since_s = self._joints[joint].since_s
         if math.isnan(since_s):
             return None

@@ -177,7 +177,7 @@ class WaySearch:
         )  # fmt: skip
 
     def _plant(self, limits: Matrix) -> None:
-        """Plant the roots of both trees in new arrays; targets are between limits (2, n)."""
+        """Start both trees in new arrays; targets are between limits (2, n)."""
         kernel, n, goals = self._kernel, len(self._start), len(self._goals)
         self._nodes, self._parents = np.empty((2 * _NODES, n)), np.empty(2 * _NODES, np.int64)
         self._nodes[0], self._nodes[_NODES : _NODES + goals] = self._start, self._goals
@@ -282,7 +282,7 @@ class WaySearch:
         self._state[sizes + tree] = len(left)
 
     def _shortened(self, way: Matrix, step_m: float) -> Matrix:
-        """Shorten a path (k, n) by shortcuts whose samples are free."""
+        """Shorten a path (k, n) by shortcuts that are free at all samples."""
         room = len(way) + _ROOM
         nodes, state = np.zeros((2 * room, way.shape[1])), self._state.copy()
         nodes[: len(way)] = way

@@ -20,9 +20,8 @@ def write_goals(
 ) -> None:
     """Write goal positions of servos; no other code in this program writes goals.
 
-    A goal must be inside the servo's range, or between the range and the tick that the servo has
-    reached: a joint that sank out of its limits while the arm was limp can be held there and moved
-    back, but not further out.
+    A goal must be inside the servo's range, or between the range and the tick that it has reached:
+    a joint that sank out of its limits can be held there and moved back, but not further out.
 
     Args:
         bus: The servos.

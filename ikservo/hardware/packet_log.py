@@ -36,7 +36,7 @@ _APPENDING = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 @dataclass(frozen=True, slots=True)
 class LoggedBytes:
-    """Bytes that a port sent or received at once.
+    """Bytes that a port sent or received in one call.
 
     Attributes:
         time_s: Seconds since the beginning of 1970; in a simulation, the time of its clock.

@@ -54,8 +54,7 @@ class ByteRateCheck:
     """Counts the reply bytes that can have arrived; any excess predates the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
-    therefore applies only after replies have complied with it for a while, and no longer after it
-    has caused the loss of a reply.
+    therefore applies only after replies have met it for a while, until a reply is lost by it.
     """
 
     def __init__(self) -> None:

@@ -113,8 +113,7 @@ class SdkPort:
     def sleep_until_due(self, expected: int) -> None:
         """Sleep until ``expected`` bytes can have arrived, to wake up once for many packets.
 
-        Return delays are not included, because they only make replies later. In virtual time there
-        is no sleep.
+        Return delays are ignored, because they only add time. In virtual time there is no sleep.
         """
         if self._virtual:
             return
@@ -213,7 +212,7 @@ class SdkPort:
         return self.clock.now_s() > self._packet_deadline_s
 
     def _port_lost_error(self, error: Exception) -> PortError:
-        """Return the error that names how the port was lost."""
+        """Return an error that says how the port was lost."""
         if not self.is_open:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if isinstance(self.transport, _ForeignTransport):
@@ -420,7 +419,7 @@ def _open_line(name: str, baud_rate: int) -> Transport:
 
 
 def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:
-    """Refuse an arm that cannot share an adapter with the arms that are open there."""
+    """Refuse an arm that cannot share an adapter with the arms already open on it."""
     if port.baudrate != baud_rate:
         raise PortError(
             f"{port.name} is open at {port.baudrate} baud; {own.arm} needs {baud_rate}.",

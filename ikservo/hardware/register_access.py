@@ -1,4 +1,4 @@
-"""Access to registers of single servos; no goal can switch on torque that is off."""
+"""Access to registers of single servos; goals are refused while torque is off."""
 
 from __future__ import annotations
 
@@ -252,12 +252,12 @@ class RegisterAccess:
 
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
-        """Allow goals to servos whose torque is off, within the block that switches torque on.
+        """Allow goals for servos without torque, within the block that switches torque on.
 
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
-        must be the servo's position. A servo whose torque was off before the block, and is not
-        known to be on afterwards, is switched off in case its goal switched torque on. If the block
-        fails, all servos whose torque was off are switched off.
+        must be the servo's position. A servo whose torque was off and is not known to be on after
+        the block is switched off, in case its goal switched it on; if the block fails, this is done
+        for all such servos.
 
         Args:
             measured: The present position of each servo, raw ticks by id, read just before,

@@ -127,7 +127,7 @@ class Readings(Generic[T_co]):
     hint: str = ""
 
     def require_all(self) -> Mapping[int, T_co]:
-        """Return the values if every servo gave one.
+        """Return the values if there is one from every servo.
 
         Raises:
             BusError: Values are missing; all these servos are named.

@@ -73,9 +73,8 @@ def bounded(
 ) -> Result:
     """Search from q0, then from the points of ``first``, then from a fixed table.
 
-    If q0 leads to a solution, the search ends there; otherwise the result is the nearest to q0 of
-    the first few solutions. Without a solution, the result is the closest approach over all
-    starting points.
+    If q0 leads to a solution, the search ends; otherwise the result is the nearest to q0 of the
+    first few solutions, or the closest approach over all starting points if there is no solution.
     """
     if first or options.trace:
         return Search(chain, target, options, first).solve(chain, target, q0)

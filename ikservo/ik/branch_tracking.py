@@ -216,7 +216,7 @@ class Solver:
     def _solve_drooping(
         self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
     ) -> tuple[Vector, bool]:
-        """Run the kernel for an arm that sags, with targets that are raised by the sag."""
+        """Run the kernel for a sagging arm, with targets raised by the sag."""
         if self._droop is None:
             return self._run_kernel(solve, T, q0, out)
         pose, q = finite_array(T, (4, 4), "T_world_tool"), finite_vector(q0, self.chain.dof, "q0")

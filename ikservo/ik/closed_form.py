@@ -119,8 +119,7 @@ def _with_another_wrist(
 ) -> Iterator[tuple[Candidate, ...]]:
     """Yield candidates for six joints whose wrist leaves its start position.
 
-    The first have the forearm's roll at zero, which gives three parallel links; the others have one
-    of a few wrist positions.
+    In the first, the forearm's roll is zero, which gives three parallel links; the wrists differ.
     """
     arm, start = problem.arm, problem.start
     if arm.with_wrist_locked:
@@ -212,7 +211,8 @@ def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) ->
     """Return joints (dof,) inside the limits that are good starts for a search.
 
     They are the solutions of the recognised structure. If there are none, they are joints that
-    reach the point in any orientation; if it is out of reach, the links are stretched towards it.
+    reach the point in any orientation; if the point is out of reach, the links are stretched
+    towards it.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None:

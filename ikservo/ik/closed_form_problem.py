@@ -40,7 +40,7 @@ class AxisConstraint:
         return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
 
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
-        """Compute the distance between d and a rotated by α, which is about the angle in rad."""
+        """Compute the distance between d and a rotated by α, about equal to their angle [rad]."""
         along = self.target.in_plane_part(yaw_rad)
         along -= cmath.rect(1.0, alpha_rad) * self.tool.in_plane_part(roll_rad)
         across = self.target.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
@@ -132,7 +132,7 @@ class AnalyticProblem:
         )
 
     def target_in_plane(self, yaw_rad: float) -> complex:
-        """Return the target point in the plane, seen from the plane's first joint."""
+        """Return the target point in the plane, relative to the plane's first joint."""
         return self.point.in_plane_part(yaw_rad) - self.arm.plane.pivots[0]
 
     def tool_direction(self, yaw_rad: float, roll_rad: float) -> float | None:

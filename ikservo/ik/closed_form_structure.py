@@ -238,7 +238,7 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
 
 
 def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
-    """Return the plane perpendicular to parallel joints, and their largest deviation [rad]."""
+    """Return the plane perpendicular to parallel joints, and their largest misalignment [rad]."""
     n = joints[0].axis
     frame = plane_frame(n)
     signs = tuple(1 if float(joint.axis @ n) > 0 else -1 for joint in joints)

@@ -145,8 +145,7 @@ def iterate(
 ) -> Result:
     """Take steps from ``q0`` until the target is met, nothing moves, or the steps are used up.
 
-    There is one start and no restart, so the search ends if it stalls. The result is the best
-    iterate.
+    There is one start and no restart: a search that stalls ends. The result is the best iterate.
 
     Args:
         method: The method's name, for the result.

@@ -6,8 +6,7 @@ upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^
 
 If the direction is free, the solutions of a point are intervals. Their ends are known in closed
 form: there the first two links are stretched or folded, or a joint is at a limit, which leaves two
-links. Between neighbouring ends, either all directions are solutions or none, so that one sample in
-the middle is enough.
+links. Between neighbouring ends all directions are solutions or none, so that one sample is enough.
 
 Along an arc the joints move through the null space of the planar arm: the tip stays, the last
 link rotates. Steps along it towards the start have one free parameter.

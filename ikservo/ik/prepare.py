@@ -59,8 +59,7 @@ def prepare_seeds(
         frame: The link to move to the target.
         offset_m: The point on that link.
         R_frame_tool: The rotation (3, 3) from tool to frame coordinates.
-        swinging: Whether the search may rotate the first joint to bring the tool nearest the
-            target.
+        swinging: Whether the search may rotate the first joint to bring the tool near the target.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
     half_rad, start = 0.0, q.copy()
@@ -136,7 +135,7 @@ class TargetKind(IntEnum):
 
 
 def check_options(options: object) -> None:
-    """Raise BadValueError if these are not options."""
+    """Raise BadValueError if the value is not ``Options``."""
     if not isinstance(options, Options):
         raise BadValueError(
             "The value of options", shown(options), "Options, such as Options(restarts=20)"

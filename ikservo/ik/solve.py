@@ -175,7 +175,7 @@ def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
 def _solve_drooping(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
-    """Return the target that a rigid arm must get instead, and the solution for it."""
+    """Return the target that a rigid arm must be given instead, and the solution for it."""
     from ikservo.ik.droop import Droop  # noqa: PLC0415  # few arms need it
 
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options

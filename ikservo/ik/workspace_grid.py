@@ -165,7 +165,7 @@ def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> M
         yaw_rad: Direction of the plane, about z; None uses that of ``home``.
 
     Returns:
-        T_world_plane (4, 4): u outward, v up, w across; u counts from the base's origin.
+        T_world_plane (4, 4): u outward, v up, w across; u is 0 at the base's origin.
     """
     pivot, forward_rad = _first_axis(chain, home)
     return _vertical_plane(pivot, forward_rad if yaw_rad is None else yaw_rad)

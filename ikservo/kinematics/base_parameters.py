@@ -119,10 +119,9 @@ def independent_columns(
     """Return the columns of a stacked regressor that are independent of earlier ones.
 
     This is the method of Gautier 1991, with the parameters in their order: those of a body are
-    combined into those of the bodies that carry it. In the QR decomposition, the columns of R have
-    the same lengths and angles as those of the regressor, but R has no more rows than there are
-    parameters. Additional columns, for friction or a scale of the current, may follow those of the
-    inertia.
+    combined into those of the bodies that carry it. In the QR decomposition, R has the same lengths
+    and angles of columns as the regressor, but no more rows than there are parameters. Additional
+    columns, for friction or a scale of the current, may follow those of the inertia.
 
     Args:
         regressor: The regressor (m, p), one row per torque.

@@ -1,8 +1,8 @@
 """Moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
 
 A body is a link that a joint of q moves, with all links that are fixed to it. Links that q does not
-move (of a gripper beside the path to the tip) are fixed to the body that carries them. The first
-axis of all arrays is the body, parents first, the second one the sample.
+move (such as those of a gripper beside the path to the tip) are fixed to the body that carries
+them. The first axis of all arrays is the body, parents first, the second one the sample.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ class BodyTree:
             T_body_link (4, 4).
         parents: The body to which each body is attached, or BASE.
         carries: 1 if body j is body i or carries it, else 0 (n, n).
-        gears: Multipliers (n, dof) in the joint values ``gears @ q + shifts``, mimic joints
-            included.
+        gears: Multipliers (n, dof) in the values ``gears @ q + shifts``, mimic joints included.
         shifts: Offsets of the values (n, 1), rad or m.
         slides: Whether each joint is prismatic (n, 1).
         poses_still: The part of T_parent_body that does not depend on q (n, 1, 4, 4).

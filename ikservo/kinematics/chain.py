@@ -297,7 +297,7 @@ class Chain:
 
 
 def _before_slide(link_joints: Callable[[Vector], Vector]) -> Callable[[Vector], Vector]:
-    """Extend ``link_joints`` to joint vectors that end with a slide, which does not yield."""
+    """Extend ``link_joints`` to joint vectors that end with a rigid slide."""
     return lambda q: np.concatenate([link_joints(q[..., :-1]), q[..., -1:]], axis=-1)
 
 

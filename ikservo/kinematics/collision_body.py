@@ -23,9 +23,8 @@ _MARGIN_M = 0.004
 class LinkTravelBounds:
     """Bounds on the motion of any point of a link's capsules, per unit of each joint.
 
-    A point moves by at most the angle times its distance from the joint's axis. This distance is
-    known for the first joint at the link; for the others it is at most the sum of the lengths in
-    between.
+    A point moves by at most the joint's angle times its distance from the axis. This distance is
+    known for the first joint at the link; for others it is at most the sum of lengths in between.
 
     Args:
         chain: The arm; its limits bound the travel of prismatic joints in between.

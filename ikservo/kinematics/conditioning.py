@@ -240,7 +240,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 def ordinary_postures(dof: int) -> Matrix:
     """Return a few postures (n, dof) that are not singular for any arm.
 
-    Each joint is at a different integer of radians, which is never a fraction of a revolution.
+    Each joint is at a different integer number of radians, never a fraction of a revolution.
     """
     return np.arange(1, _SAMPLES * dof + 1, dtype=np.float64).reshape(_SAMPLES, dof) % math.tau
 

@@ -183,7 +183,7 @@ def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, f
 
 
 def _cross_product(a: Vector, b: Vector) -> Vector:
-    """Compute a x b over the last axis; numpy's own is slow for single vectors."""
+    """Compute a x b over the last axis; NumPy's function is slow for single vectors."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

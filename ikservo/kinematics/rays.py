@@ -93,7 +93,7 @@ class Ray:
 
 
 def _away_m(point_m: Vector, half_m: Vector, row: Vector) -> float:
-    """Compute the distance of a point (3,) in a thing's own axes from its surface, metres."""
+    """Compute the distance [m] from a thing's surface to a point (3,) in the thing's axes."""
     x, y, z = np.abs(point_m)
     beyond = np.array([x, y, z]) - half_m
     if row[IS_CYLINDER]:

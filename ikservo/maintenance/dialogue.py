@@ -127,7 +127,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A question that is answered by a word or a value; the answer is the text that was typed.
+    """A question answered by a word or a value; the answer is the typed text.
 
     Attributes:
         text: The question.

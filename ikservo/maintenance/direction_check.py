@@ -171,7 +171,7 @@ def _move_joint(arm: Arm, joint: str, position: float) -> None:
 
 
 def _test_clearance(arm: Arm, name: str) -> Clearance:
-    """Compute the clearance of configurations for the test motion of a joint and back."""
+    """Return the function that computes the clearance for the test motion of a joint and back."""
     travels = _possible_travels(arm, arm.model.joint(name), CHECK_ANGLE_RAD)
 
     def clearance(joints: Mapping[str, float]) -> float:

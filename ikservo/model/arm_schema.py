@@ -121,7 +121,7 @@ class ArmPose(StrictModel):
 
 
 class ArmBox(StrictModel):
-    """``[[surroundings.keep_out]]``: an upright box that the arm keeps out of."""
+    """``[[surroundings.keep_out]]``: an upright box that the arm must not enter."""
 
     name: Text = Field(description=_TEXT)
     low_m: tuple[float, float, float] = Field(strict=False, description="[x, y, z] in metres")

@@ -28,8 +28,7 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
     """Return the body whose joint vectors end with the gripper's joint, if the arm has one.
 
     In ``collision_body`` the jaws are fixed at zero, or as near to it as their range allows. Here
-    they follow the last joint of the vector. Jaws that are not downstream of the chain's last joint
-    stay fixed.
+    they follow the vector's last joint. Jaws that the chain's last joint does not carry stay fixed.
     """
     gripper = model.gripper
     if gripper is None:

@@ -60,7 +60,7 @@ class JointDrive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmParameters:
-    """The dynamics of one arm: the torques that motion needs and those that its servos provide.
+    """The dynamics of one arm: torques required by its motion and provided by its servos.
 
     Attributes:
         dynamics: The bodies that the chain's joints move, including a payload.

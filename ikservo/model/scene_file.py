@@ -136,7 +136,7 @@ class _CenteredThing(_Thing):
     @model_validator(mode="before")
     @classmethod
     def _in_american(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """Also accept the centre in British spelling."""
+        """Also accept ``centre_m``, the British spelling."""
         if "centre_m" in given and "center_m" not in given:
             return {"center_m" if key == "centre_m" else key: given[key] for key in given}
         return given

@@ -1,4 +1,4 @@
-"""Tool frame and names of directions."""
+"""The tool frame of an arm, and directions as angles and words."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class UrdfMimic:
 
 @dataclass(frozen=True, slots=True)
 class UrdfJoint:
-    """One ``<joint>``: the place of the child frame in the parent frame, and its motion there.
+    """One ``<joint>``: the pose of the child frame in the parent frame, and its motion there.
 
     Attributes:
         name: Name, unique in the file.
@@ -163,7 +163,7 @@ class UrdfLink:
 
 @dataclass(frozen=True, slots=True)
 class Urdf:
-    """A whole robot: one tree of links, held together by joints.
+    """A whole robot: one tree of links, connected by joints.
 
     Attributes:
         name: The robot's name; empty if the file gives none.

@@ -44,7 +44,7 @@ class ArcPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """The distances of both ends."""
+        """The distances along the arc of both ends: 0 and the length, metres."""
         return [0.0, self.length]
 
     def path_length(self) -> float:
@@ -108,7 +108,7 @@ def arc_through_points(
 def arc_about_axis(
     start_m: Vector, center_m: ArrayLike, normal: ArrayLike, angle_rad: float
 ) -> ArcPath:
-    """Compute the arc that a start (3,) [m] describes about an axis.
+    """Compute the arc from a start (3,) [m] about an axis.
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
     starts at the start point and runs counter-clockwise about the normal; the centre need not be in

@@ -95,8 +95,7 @@ def solve_cartesian_path(
             failed.append(error)
             continue
         found.append(_measure_curve(chain, desired, spline))
-        # The path to orientations near the desired one may have corners; a uniform rotation has
-        # none.
+        # A path near the desired orientation may have corners; a uniform rotation has none.
         if (
             orientation_of is not _follow_orientation
             or found[0].orientation_error_rad.max() <= ORIENTATION_TOLERANCE_RAD

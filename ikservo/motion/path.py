@@ -68,10 +68,9 @@ _SAME_POINT_M = 1e-9
 class BlendedPath:
     """Straight lines through points in n dimensions, with a blend instead of each corner.
 
-    In a blend, the first derivative changes from the direction of one line to that of the other
-    with the polynomial 3x² - 2x³, so that it and the second derivative are continuous. The curve
-    then passes each corner within 3/8 of the blend, stays inside the box of its points, and is
-    never longer than the lines.
+    In a blend, the tangent changes from the direction of one line to that of the other with the
+    polynomial 3x² - 2x³, so that two derivatives are continuous. The curve then passes each corner
+    within 3/8 of the blend, stays inside the box of its points, and is never longer than the lines.
 
     Args:
         points: The points (k, n).
@@ -207,8 +206,7 @@ class SplinePath:
         self.length = float(distances[-1])
         self.distances = distances
         self._curve = CubicSpline(distances, points)
-        # Each piece is c₀t³ + c₁t² + c₂t + c₃; its derivative is largest at an end or at its
-        # vertex.
+        # Each piece is c₀t³ + c₁t² + c₂t + c₃; its slope is largest at an end or at the vertex.
         c, width = np.asarray(self._curve.c, dtype=np.float64), np.diff(distances)[:, None]
         summit = np.clip(-c[1] / (3.0 * np.where(c[0] == 0.0, _NEGLIGIBLE, c[0])), 0.0, width)
         slopes = [np.abs((3.0 * c[0] * t + 2.0 * c[1]) * t + c[2]) for t in (0.0, summit, width)]

@@ -63,8 +63,7 @@ def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[fl
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
-    # The larger root comes first, and the other follows from their product, which is exact for
-    # small j.
+    # The larger root, then the other one from their product, which is also exact for small j.
     sum_ = -(a + math.copysign(math.sqrt(root), a))
     found = [sum_ / j if j else math.inf, 2.0 * v / sum_ if sum_ else math.inf]
     return [at_s for at_s in found if 0.0 < at_s < time_s]

@@ -31,7 +31,7 @@ _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmContext:
-    """The parts of an arm, which its functions take together with a ``MotionRunner``.
+    """The parts of an arm, for functions that take them together with a ``MotionRunner``.
 
     Attributes:
         model: The arm's model.

@@ -94,7 +94,7 @@ class PointGoal:
     stance: ToolOrientation
 
     def reached_by(self, plan: MotionPlan) -> MotionPlan:
-        """Return a plan that ends here, with the target and the tool's orientation filled in."""
+        """Return a plan that reaches this goal, with the goal's target and tool orientation."""
         return _with_target(plan, self.target, self.solved, self.stance)
 
 

@@ -150,7 +150,7 @@ class PreflightPlanner:
         """Plan a motion of the tip or of joints from the start position and check its path.
 
         The plan uses the surroundings at the time of the call. A folded arm touches itself on
-        nearly every path, so it leaves that contact first, unless the motion starts at the tip.
+        nearly every path and leaves that contact first, unless the path starts at the present tip.
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.
@@ -436,7 +436,7 @@ class PreflightPlanner:
             blocked.command_hint += " Or first move the arm by hand until it is free."
 
     def _plans_via_pose(self, request: _MotionRequest) -> Iterator[MotionPlan]:
-        """Yield free plans that leave a contact first."""
+        """Yield collision-free plans that first leave a contact."""
         for pose, first in self._ways_out(request):
             with suppress(RefusedError):
                 then = self._plan_directly(replace(request, start=first.goal))

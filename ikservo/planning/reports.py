@@ -116,8 +116,7 @@ class MotionProgress:
         duration_s: The duration of the whole motion; infinite for a motion that continues until it
             is ended.
         tip_m: The measured tip (3,), metres, base frame.
-        joints_rad: The measured joints (n,), rad or m; the last known position if a reply is
-            missing.
+        joints_rad: The measured joints (n,), rad or m; the last known ones if a reply is missing.
         setpoints_rad: The setpoints of the joints (n,); the servos' goals lead them by the effect
             of load and friction.
         names: The joints, in the order of the arrays.
@@ -299,7 +298,7 @@ def describe_alarms(states: Sequence[JointState]) -> list[tuple[str, str]]:
 
 
 def describe_torque(states: Sequence[JointState]) -> str:
-    """Return the text ``torque stays on``, or a text that names the servos whose torque is off."""
+    """Return ``torque stays on``, or a text with the names of the servos without torque."""
     limp = [state.name for state in states if not state.torque]
     if not limp:
         return "torque stays on"

@@ -32,7 +32,7 @@ class Turn:
 
     @contextmanager
     def taken(self, arm: object, other: str) -> Generator[None]:
-        """Reserve the turn for an arm within the block.
+        """Hold the lock for an arm while the block runs.
 
         Args:
             arm: One of the two arms.
@@ -63,7 +63,7 @@ def other_moves(name: str) -> RefusedError:
 
 
 class AnotherArm(Protocol):
-    """Another arm within reach of an arm."""
+    """Another arm in reach of this one."""
 
     @property
     def name(self) -> str:

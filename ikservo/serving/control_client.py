@@ -197,8 +197,7 @@ def send_command(
         The result as JSON values, or None if no process listens.
 
     Raises:
-        IkservoError: The command failed in that process; the error has the message and exit code
-            from there.
+        IkservoError: The command failed in that process, with this message and exit code.
     """
     own = _request_at(socket_path(device, arm), device, command, timeout_s) if arm else None
     return own or _request_at(socket_path(device), device, command, timeout_s)

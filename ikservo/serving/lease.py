@@ -47,8 +47,7 @@ class ArmLease:
 
     Args:
         clock: The clock of the server.
-        timeout_s: The time for which a message is valid, and a motion continues without another
-            one.
+        timeout_s: The time for which a message is valid and keeps a motion running.
 
     Attributes:
         timeout_s: The dead-man time-out.
@@ -105,8 +104,7 @@ class ArmLease:
 
         Args:
             operator: The name of the operator.
-            take_over: Whether to take the lease from the present holder, as the pages of one person
-                do.
+            take_over: Whether to take the lease from the holder, as the pages of one person do.
 
         Raises:
             RefusedError: Another operator controls the arm, or the lease was closed.

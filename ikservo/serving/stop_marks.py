@@ -22,7 +22,7 @@ _MAX_AGE_S = 600.0
 
 
 def leave_mark(device: str = "", arm: str = "") -> None:
-    """Keep programs that were started before now from moving; ignore write errors.
+    """Prevent programs that are already running from moving; ignore write errors.
 
     Args:
         device: The port of the arm; every port if empty.

@@ -60,12 +60,12 @@ class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
-    When the joint has crossed the target, or is pressed away from it, an error of one tick counts
-    as arrived: reversing would cross the backlash and make the joint jump further. Each time it
-    jumps over the target again, the accepted error doubles. While the joint moves, its goal moves
-    back, against its speed, so that the jump is short. The servo of a joint that swings is softened
-    until the joint rests (``SwingDamper``); the joint is then corrected slowly. If this starts
-    swings repeatedly, the goal stays.
+    When it has crossed the target, or is pressed away from it, an error of one tick is accepted,
+    because reversing would cross the backlash and make it jump further. Each time it jumps over the
+    target again, the accepted error doubles. While it moves, its goal moves back, against its
+    speed, so that the jump is short. The servo of a joint that swings is softened until the joint
+    rests (``SwingDamper``); the joint is then corrected slowly. If this starts swings repeatedly,
+    the goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -111,7 +111,7 @@ class GoalIntegrator:
 
     @property
     def arrived(self) -> bool:
-        """Whether the joint is as close to its target as it can get."""
+        """Whether the joint is as close to its target as possible."""
         beside = abs(self.error_ticks)
         low, high = self._stuck
         # Gears without load would have to change their flank on the way to the target.
@@ -120,7 +120,7 @@ class GoalIntegrator:
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has swung too often, and is not corrected."""
+        """Whether the joint is not corrected because it swings or has swung too often."""
         return self._swing.swings
 
     @property
@@ -212,7 +212,7 @@ class GoalIntegrator:
 
     @property
     def _along(self) -> float:
-        """Displacement of the goal along with a swing; 0 if the joint only has to come to rest."""
+        """Displacement of the goal in phase with a swing; 0 if the joint only needs to rest."""
         return 0.0 if self.target is None else self._swing.goal_ticks
 
     def _inside(self, goal: float) -> float:

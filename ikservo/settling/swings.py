@@ -58,7 +58,7 @@ class SwingDamper:
 
     @property
     def goal_ticks(self) -> float:
-        """Displacement of the goal along with the swing."""
+        """Displacement of the goal in phase with the swing."""
         along = _SHARE * self._share * (self._at - self._middle)
         return min(max(along, -_MAX_TICKS), _MAX_TICKS)
 

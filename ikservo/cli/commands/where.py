@@ -201,7 +201,7 @@ def watch_arm(
 
 @contextmanager
 def _state_reader(model: Model, port: str | None, *, uncalibrated: bool) -> Generator[ReadState]:
-    """Yield a function that reads the state: from the program with the port, or directly."""
+    """Yield a function that reads the state from the program that has the port, or the servos."""
     if query_state(model, port) is not None:
         yield lambda: _read_from_owner(model, port)
         return

@@ -78,7 +78,7 @@ class FeetechDriver(Protocol1Driver):
         return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def factory_reset(self, servo_id: int) -> Reply:
-        """Give one servo its factory settings; the id stays, the baud rate does not."""
+        """Give one servo its factory settings; the id is kept, the baud rate is reset."""
         self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _FACTORY_RESET, b"")
 

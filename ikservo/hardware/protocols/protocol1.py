@@ -113,7 +113,7 @@ def _packet_length(data: bytes, at: int) -> int | None:
 
 
 def _may_continue(data: bytes, at: int, sizes: Collection[int]) -> bool:
-    """Check whether the bytes from here on may become an expected packet."""
+    """Check whether an expected packet may begin here, complete or not."""
     start = data[at : at + 4]
     if start[:2] != _HEADER[: len(start[:2])]:
         return False

@@ -167,14 +167,13 @@ class Protocol2Codec:
         return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")
 
     def _may_continue(self, data: bytes, at: int, sizes: Collection[int]) -> bool:
-        """Check whether the bytes from here on may become an expected packet."""
+        """Check whether an expected packet may begin here, complete or not."""
         start = data[at : at + _INSIDE + 1]
         if len(start) > 4 and start[4] > self.highest_id:
             return False
         if len(start) >= _INSIDE:
             count = int.from_bytes(start[_LEN:_INSIDE], "little") - 4
-            # Stuffing adds at most one byte to every three; the first three may begin before the
-            # data.
+            # Stuffing adds at most one byte to every three, which may begin in the header.
             if count != 0 and not any(
                 size <= count <= size + (size + 1) // 3 + 1 for size in sizes
             ):

@@ -331,7 +331,7 @@ class RepeatedPackets:
         return 0 if self._port.writePort(packet) == len(packet) else _SHORT_WRITE
 
     def record_sent(self, key: CacheKey, result: int) -> int:
-        """Record the packet that the SDK has just sent with a result code; return that code."""
+        """Record the packet that the SDK has just sent; return the SDK's result code."""
         if result == 0 and key[1] in self._cacheable:
             if len(self._packets) >= _MAX_CACHED:
                 self._packets.clear()
