@@ -71,7 +71,7 @@ class Tally:
         )
 
     def good(self, signal_name: str) -> bool:
-        """Check whether the limit was kept; a program that can brake travels meanwhile."""
+        """Check whether the limits were kept; only a killed program has a limit of travel."""
         short = signal_name != "KILL" or max(self.travels) <= MOST_TRAVEL
         return (
             short

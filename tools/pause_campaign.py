@@ -24,7 +24,7 @@ from served_arm import Served, apart, begun, forked, served, somewhere, start_an
 
 import ikservo
 
-ENDED_WELL, HELD_UP = 0, 8  # Dynamixels have stopped themselves; the motion is refused
+ENDED_WELL, HELD_UP = 0, 8  # exit codes; 8: Dynamixels have stopped, so the motion is refused
 LONGEST_S, SLACK = 0.05, 1.2  # longest time of a step, and a tolerance; see docs/faults.md
 
 

@@ -25,7 +25,7 @@ MODELS = ("STS3215-C018", "STS3250")
 GAINS = (8, 16, 24, 32)
 END = slice(500, 598)  # rows after the step back
 LEAST_DEG = 0.2  # from peak to peak: more than two ticks are an oscillation
-LARGEST_DEG = 3.5  # more is a step that has not ended, or a reading that failed
+LARGEST_DEG = 3.5  # a larger motion is a step that has not ended, or a failed reading
 PADDED_ROWS = 2048
 
 SERVOS: dict[str, Callable[[MotorParameters], MotorParameters]] = {

@@ -37,7 +37,7 @@ ARMS = ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s")
 SPEEDS = ("slow", "normal", "fast")
 SHORTEST_M, LONGEST_M = 0.05, 0.25
 ATTEMPTS = 60  # directions tried from one posture
-LOWEST_M = 0.05  # lines begin above this height, as below it few directions are free
+LOWEST_M = 0.05  # lines begin above this height, because few directions are free below it
 SAMPLE_S = 0.01
 REST_S, WATCHED_S = 1.0, 1.0  # wait after the end, then watch for further motion
 STILL_TICKS = 2.0  # a joint that moves no further than this rests
@@ -53,9 +53,9 @@ class Trace:
         duration_s: Duration of the planned trajectory.
         times_s: Time of the trajectory at each sample.
         tips_m: True tip at each sample, (3,) each.
-        overshoot_rad: Largest angle by which a joint passed its target while it settled; on lines,
-            on which the others compensate a joint that stays short, by which it passed its position
-            at rest.
+        overshoot_rad: Largest angle by which a joint passed its target while settling; on lines,
+            by which it passed its rest position, because other joints compensate a joint that
+            stays short.
         settling_s: Time from the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
         moved_ticks: Largest distance that a joint still moves from one second after the end on.

@@ -1,4 +1,4 @@
-"""Compare where simulated and real servos stay after they were pulled to both sides.
+"""Compare the rest positions of simulated and real servos after pulls to both sides.
 
 Run ``python tools/bench/pulled_servo.py``. The stand holds a servo at a goal; elastic bands pull
 its horn to one side for half a second, slacken for a second, and then pull to the other. The table
