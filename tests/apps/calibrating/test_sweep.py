@@ -273,7 +273,7 @@ def test_full_turn_joint_is_not_checked_for_mirrored_range():
     assert hand.accept().state.stage is CalibrationStage.REVIEW
 
 
-def test_servos_of_joint_that_count_oppositely_are_refused():
+def test_servos_of_joint_with_opposite_counts_are_refused():
     hand = Hand(subject(shadow_ids=(2,))).rest().accept()
     for _ in range(15):
         hand.ticks[1] += 100
