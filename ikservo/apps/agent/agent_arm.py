@@ -263,9 +263,8 @@ class AgentArm:
         if isinstance(motion, MoveGripper | Wait):
             result = arm.execute(motion)
         else:
-            # The person has seen this plan, so it must not change: torque comes on first, so that a
-            # limp arm is not replanned. An arm that has sunk too far from the plan's start is
-            # refused.
+            # The plan must stay as the person has seen it: torque comes on first, so that a limp
+            # arm is not replanned. A plan is refused if the arm has sunk too far from its start.
             arm.enable()
             result = arm.execute(replace(plan or arm.plan(motion), limp_arm=None))
         return {} if result is None else encode_fields(result)
