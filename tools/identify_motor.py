@@ -9,8 +9,8 @@ the target and its duty law), stepped for all logs at once. Goals act when the b
 received them, which is later than they were logged: ``bench_timing.npz`` has each step and release
 of the STS logs, and gliding goals are 30 ms late.
 
-The search is differential evolution, because the place and the duration of sticking jump with the
-parameters, so that descents did not leave their start.
+The search is differential evolution, because place and duration of sticking change abruptly with
+the parameters, and gradient descent stays at its start.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Firmware:
         duty_per_gain_rad: Duty for one unit of the P gain and one radian.
         startup_duty: Duty that is added in the direction of the error.
         ramp_rad_s: Speed of the target towards a new goal.
-        dead_zone_ticks: Errors up to this size count as zero, larger ones are reduced by it.
+        dead_zone_ticks: Errors up to this size count as zero; larger errors are reduced by it.
     """
 
     duty_per_gain_rad: float

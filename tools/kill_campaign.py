@@ -35,9 +35,9 @@ class Tally:
     """The results of the signals sent to one arm.
 
     Attributes:
-        travels: The maximum remaining travel of a joint, each time, ticks, from a sample right
-            before the signal.
-        later: The same from a sample right after it: motion in between is in one of the two.
+        travels: The largest travel of a joint after each signal, ticks, from a sample right before
+            the signal.
+        later: The same from a sample right after the signal; motion in between is left out.
         jumps: The largest distance that a joint moved at the next start.
         moving: Number of signals that reached a moving arm.
         let_go: Number of times that a servo had no torque afterwards.

@@ -33,7 +33,7 @@ class Pauses:
     """The results of the pauses of one arm.
 
     Attributes:
-        travels: Distance that a joint still moved while its program was suspended, each time,
+        travels: The largest travel of a joint while its program was suspended, in each pause,
             ticks.
         codes: Exit codes of the programs.
         failed: Number of times that the next program could not start.

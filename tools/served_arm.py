@@ -1,4 +1,4 @@
-"""An arm served on a pseudo-terminal in real time, and programs of their own that move it."""
+"""An arm served on a pseudo-terminal in real time, and separate programs that move it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Figures of the structure: modules that opening an arm imports, sizes of folders, repeated names.
 
-The bounds stand in ``pyproject.toml`` (``[tool.ikservo.structure]``); `style_figures.py --check`
+The bounds are in ``pyproject.toml`` (``[tool.ikservo.structure]``); `style_figures.py --check`
 fails if the tree exceeds them.
 """
 

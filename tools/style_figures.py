@@ -5,7 +5,7 @@
 The check fails on a class name that is defined twice in a package, on a class that inherits
 through more than two classes of the project, and on a private word in a name of any kind, in tests
 and tools, too: words that mean something else in robotics, control, serial protocols or the web,
-or nothing at all. The words of ``tools/odd_words.txt`` may not stand in docstrings and strings.
+or nothing at all. The words of ``tools/odd_words.txt`` may not occur in docstrings and strings.
 The description of an argument or attribute may not begin with "Of", "What" or the like.
 The name of a test has at most 60 characters.
 The structure may not exceed the bounds of ``pyproject.toml`` (`structure.py`).

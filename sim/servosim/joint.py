@@ -29,7 +29,7 @@ class Transmission(Protocol):
         ...
 
     def slope(self, horn_rad: float) -> float:
-        """Return the derivative of the joint position by the horn's rotation, rad or m per rad."""
+        """Return the joint motion per rotation of the horn at this position, rad or m per rad."""
         ...
 
 

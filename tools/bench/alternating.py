@@ -83,7 +83,7 @@ def _contestants(options: argparse.Namespace) -> list[Contestant]:
 
 
 def _ask(solver: Contestant, model: ikservo.Model, kind: str, request: dict[str, Any]) -> bool:
-    """Run one round of a solver and keep its best figures; False if it lacks such targets."""
+    """Run one round of a solver and keep its best figures; False if it has no such targets."""
     done = subprocess.run(
         [str(solver.interpreter), str(solver.runner)],
         input=json.dumps(request),

@@ -2,9 +2,9 @@
 
 Run ``python tools/bench/limit_cycle.py LOGS [--every N]`` with the folder of the logs that
 ``tools/identify_motor.py`` reads. After a step back to where the pendulum hangs, the logs are
-judged at their end: which of them oscillate, by how much from peak to peak, and how fast. The same
-steps are replayed on the simulated line with the servo as in the table, without play, and with
-the output friction of an arm. Figures belong in docs/lab/simulated-motors.md.
+judged at their end: which of them oscillate, with what peak-to-peak amplitude and frequency. The
+same steps are replayed on the simulated line with the servo as in the table, without backlash, and
+with the output friction of an arm. Figures belong in docs/lab/simulated-motors.md.
 """
 
 from __future__ import annotations

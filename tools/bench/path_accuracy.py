@@ -4,9 +4,9 @@ Run ``python tools/bench/path_accuracy.py``; the table goes to docs/benchmarks.m
 of a family (``servosim.family``), each with its own backlash, friction, masses and supply, move
 along random lines in virtual time. The reference is the simulator's true joints, not the arm's
 readings. It measures the distance of the tip from the commanded line in each control cycle, its
-distance from the target at the end of the trajectory and after settling, and how far joints still
-move from one second after the end on. ``--mass-scale`` and ``--payload-kg`` change the simulated
-body only: the program does not know. ``--supply-v 12`` is the so101 with servos of 12 V.
+distance from the target at the end of the trajectory and after settling, and the motion of joints
+later than one second after the end. ``--mass-scale`` and ``--payload-kg`` change the simulated body
+only: the program does not know it. ``--supply-v 12`` is the so101 with servos of 12 V.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Trace:
             stays short.
         settling_s: Time from the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
-        moved_ticks: Largest distance that a joint still moves from one second after the end on.
+        moved_ticks: Largest motion of a joint later than one second after the end.
         failure: Reason why the motion was stopped; empty if it was not.
     """
 
@@ -74,7 +74,7 @@ class Trace:
     failure: str = ""
 
     def deviations_m(self, after_s: float = 0.0) -> Array:
-        """Return the distances of the tip from the line (k,), from a time on."""
+        """Return the distances of the tip from the line (k,) after a given time."""
         late = np.array(self.times_s) >= min(after_s, self.duration_s)
         ahead = np.array(self.tips_m)[late] - self.start_m
         way = self.end_m - self.start_m

@@ -331,8 +331,8 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
         names: The arms.
         scenes: Number of scenes per arm.
         upright_deg: Largest tilt of the tool on the path. Goals are then reached by steps that keep
-            it, without regard to the boxes, because an arm of five joints cannot turn over to
-            others. The first goal of a scene to which no straight path leads is taken.
+            it, without regard to the boxes, because an arm of five joints cannot turn its tool
+            over. The first goal of a scene to which no straight path leads is taken.
         seeds: Number of paths with which the length is compared, at the same distances from things.
         by: The planner that is asked for paths that were not found, without a distance to things.
     """

@@ -111,7 +111,7 @@ def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float
 
     The events turn a joint by about 0.3 degrees.
     The first list is for the reference positions of the joints, the second for the simulated
-    shafts; an event whose goal is not reached in a second counts as a second.
+    shafts; an event whose goal is not reached in a second counts as one second.
     """
     should: list[float] = []
     shafts: list[float] = []

@@ -351,7 +351,7 @@ def hint_for_agent(error: IkservoError) -> str:
 
 
 def quoted(text: str, most: int = _MAX_NAME) -> str:
-    """Return a text from a file or another program as data: one line, printable, cut short."""
+    """Return an untrusted text as one printable line of limited length."""
     line = " ".join(printable(text).split())
     return line if len(line) <= most else f"{line[:most]}…"
 
