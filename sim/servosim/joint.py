@@ -105,7 +105,7 @@ class CrankAndRod:
 
 
 DIRECT = Ratio()
-"""The transmission of a horn that sits on the joint itself."""
+"""The transmission of a horn that is mounted on the joint itself."""
 
 
 Path = Callable[[float], tuple[float, float]]  # seconds since the grasp -> position, velocity

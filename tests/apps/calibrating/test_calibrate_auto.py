@@ -152,7 +152,7 @@ def test_damaged_partial_file_does_not_stop_auto_calibration(arm, narrow, run_cl
 def test_joint_without_end_stop_is_not_driven_forever(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(run_cli, narrow)
-    assert (done.code, "joint2 found no end stop up to" in done.err) == (6, True)
+    assert (done.code, "joint2 has no end stop up to" in done.err) == (6, True)
     assert "--continuous joint2" in done.err
     assert saved() is None
 
