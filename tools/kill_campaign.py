@@ -110,7 +110,7 @@ def run() -> int:
     parser = argparse.ArgumentParser(description="Send signals to programs that move an arm")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--signal", choices=SIGNALS, default="KILL")
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     good = True

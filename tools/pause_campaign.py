@@ -91,7 +91,7 @@ def run() -> int:
     """Suspend programs of both families."""
     parser = argparse.ArgumentParser(description="Suspend programs while an arm moves")
     parser.add_argument("--pauses", type=int, default=100)
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     names = options.arm or ["so101", "koch"]

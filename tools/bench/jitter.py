@@ -158,7 +158,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure how steadily goals are streamed")
     parser.add_argument("--rate", type=float, default=200.0, help="Hz")
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
     parser.add_argument("--busy", type=int, nargs="+", default=[0, 1], help="cores kept busy")
     parser.add_argument("--priority", type=int, nargs="+", default=[0, 20], help="0: ordinary")
     options = parser.parse_args()

@@ -123,7 +123,7 @@ def programs_page() -> str:
                 "# Programs and recordings",
                 "This page is made from the models that read the files.",
                 "## Programs",
-                "`ikservo program new FILE` writes a first one. An example:",
+                "`ikservo program new FILE` writes a first program. An example:",
                 _example(program.__doc__, "toml"),
                 model_sections(Program, 3),
                 "### Motions",
@@ -149,7 +149,7 @@ def _motion_section(name: str, kind: type) -> str:
     for field in fields(kind):
         default: object = field.default
         if isinstance(default, (str, bool, int, float, tuple)):
-            words = f"- `{field.name}`, else `{json.dumps(default)}`:"
+            words = f"- `{field.name}` (default `{json.dumps(default)}`):"
             listed = listed.replace(f"- `{field.name}`:", words)
     return f"#### {name}\n\n{text}\n\n{listed}".rstrip()
 
