@@ -10,7 +10,7 @@ FROZEN = """
 import gc
 from ruckig import Trajectory
 
-def test_leaves_objects_that_only_collection_frees():
+def test_leaves_objects_that_only_garbage_collector_frees():
     ring = [Trajectory(3)]
     ring.append(ring)
     gc.freeze()

@@ -37,7 +37,7 @@ def cases_of(test, count=9):
     return [Case(test, SAMPLE_2) for _ in range(count)]
 
 
-def test_sample_marker_keeps_requested_number_repeatably():
+def test_sample_marker_keeps_same_number_and_cases_each_run():
     assert len(kept(cases_of("test_a"))) == 2
     assert kept(cases_of("test_a")) == kept(cases_of("test_a"))
 

@@ -1,4 +1,4 @@
-"""Say before an installation what this machine lacks; pip would say so after minutes.
+"""Report before an installation what this machine lacks; pip reports it only after minutes.
 
 ruckig (0.12.2 to 0.19.4) has no wheel for Linux on ARM, as on a Raspberry Pi, so pip compiles it.
 """

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Build wheel and sdist, and hold them, the workflows, the forms and the citation against their
+# Build wheel and sdist, and check them, the workflows, the forms and the citation against their
 # schemas and linters. `make check-release` calls it with the folder of the tools.
 set -euo pipefail
 BIN=$(cd "${1:-.venv/bin}" && pwd)

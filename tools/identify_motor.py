@@ -9,8 +9,8 @@ the target and its duty law), stepped for all logs at once. Goals act when the b
 received them, which is later than they were logged: ``bench_timing.npz`` has each step and release
 of the STS logs, and gliding goals are 30 ms late.
 
-The search is differential evolution, because the place and the duration of sticking jump with the
-parameters, and descents ended where they began.
+The search is differential evolution, because place and duration of sticking change abruptly with
+the parameters, and gradient descent stays at its start.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NOT_READ = -2047  # position of a row that the bench could not read
 FROZEN_ROWS, LEAP_TICKS = (
     20,
     40,
-)  # a reading that rests for so many rows and then leaps so far was stale
+)  # a reading that rests for this many rows and then jumps this far was stale
 PROTECTED_ERROR_RAD, PROTECTED_SHARE = 1.7, 0.25  # fraction of the duty from this error on
 RESIDUAL_SCALE_DEG = 1.15  # residuals beyond this weigh less
 HOLD_WEIGHT = 0.15  # weight of the errors while holding, beside those of all rows
@@ -65,7 +65,7 @@ class Firmware:
         duty_per_gain_rad: Duty for one unit of the P gain and one radian.
         startup_duty: Duty that is added in the direction of the error.
         ramp_rad_s: Speed of the target towards a new goal.
-        dead_zone_ticks: Errors up to this size count as zero, larger ones are reduced by it.
+        dead_zone_ticks: Errors up to this size count as zero; larger errors are reduced by it.
     """
 
     duty_per_gain_rad: float
@@ -207,10 +207,10 @@ def read_kscale(folder: Path, name: str) -> Logs:
 
 
 def has_stale_readings(tick: NDArray[Any]) -> bool:
-    """Return whether a position stands still for 0.2 s and then leaps within one row of 10 ms.
+    """Return whether a position stands still for 0.2 s and then jumps within one row of 10 ms.
 
     A shaft that breaks loose needs several rows for that many ticks; a reading that the bus did
-    not renew shows all that happened meanwhile at once.
+    not renew shows the whole motion at once.
     """
     moved = np.flatnonzero(np.diff(tick.astype(int)))
     stood = np.diff(moved, prepend=-1)
@@ -303,7 +303,7 @@ def fit(bench: Bench, logs: Logs) -> Array:
 def losses_of(values: Array, firmware: Firmware, logs: Logs) -> Array:
     """Return the loss that the search minimises, for parameter sets (sets, NAMES).
 
-    A row's error counts by its square while small and by its size when large; the error that
+    The error of a row counts by its square if small and by its magnitude if large; the error that
     remains while the servo holds counts in addition.
     """
     error_deg = np.degrees(np.abs(simulate(values, firmware, logs) - logs.position_rad))

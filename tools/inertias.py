@@ -5,7 +5,7 @@
 
 The mass of a link is given in its file. A shape whose name ends in a servo model weighs what
 the datasheet gives; the other shapes divide the remaining mass in proportion to their
-volume. Each shape is solid and of even density.
+volume. Each shape is solid and of uniform density.
 """
 
 from __future__ import annotations

@@ -35,9 +35,9 @@ class Tally:
     """The results of the signals sent to one arm.
 
     Attributes:
-        travels: The maximum remaining travel of a joint, each time, ticks, from a sample right
-            before the signal.
-        later: The same from a sample right after it: motion in between is in one of the two.
+        travels: The largest travel of a joint after each signal, ticks, from a sample right before
+            the signal.
+        later: The same from a sample right after the signal; motion in between is left out.
         jumps: The largest distance that a joint moved at the next start.
         moving: Number of signals that reached a moving arm.
         let_go: Number of times that a servo had no torque afterwards.
@@ -71,7 +71,7 @@ class Tally:
         )
 
     def good(self, signal_name: str) -> bool:
-        """Check whether the limit was kept; a program that can brake travels meanwhile."""
+        """Check whether the limits were kept; only a killed program has a limit of travel."""
         short = signal_name != "KILL" or max(self.travels) <= MOST_TRAVEL
         return (
             short
@@ -110,7 +110,7 @@ def run() -> int:
     parser = argparse.ArgumentParser(description="Send signals to programs that move an arm")
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--signal", choices=SIGNALS, default="KILL")
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     good = True

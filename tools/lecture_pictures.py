@@ -32,7 +32,7 @@ _ARM, _OTHER, _TARGET, _HELP, _GOOD = "#3f51b5", "#9fa8da", "#c62828", "#888888"
 
 
 def two_links() -> Figure:
-    """Return both elbows of two links, and the ring that they reach."""
+    """Return a figure with both elbow postures of two links, and the ring within their reach."""
     figure, axes = _plane()
     target = complex(0.25, 0.25)
     _circle(axes, 0j, 0.5)
@@ -44,7 +44,7 @@ def two_links() -> Figure:
 
 
 def three_links() -> Figure:
-    """Return the directions that the last of three links can have at a point, limits included."""
+    """Return a figure with the possible directions of the last of three links at a point."""
     figure, axes = _plane()
     links, limits = (0.3, 0.2, 0.12), ((-1.6, 1.6), (-2.2, 2.2), (-1.8, 1.8))
     target = complex(0.3, 0.25)
@@ -59,7 +59,7 @@ def three_links() -> Figure:
 
 
 def methods() -> Figure:
-    """Return the position error over the iterations of each method, from one start."""
+    """Return a figure with the position error over the iterations of each method."""
     figure = new_figure(6.4, 3.6)
     axes = figure.add_subplot()
     chain = ikservo.load_model("so101").chain
@@ -76,7 +76,7 @@ def methods() -> Figure:
 
 
 def null_space() -> Figure:
-    """Return one tip of three links with several preferred postures."""
+    """Return a figure with one tip of three links in several preferred postures."""
     figure, axes = _plane()
     model = ikservo.load_model("planar3")
     target = ikservo.Target(tuple(model.chain.forward(np.array([0.9, -1.2, -0.5]))[:3, 3]))

@@ -142,8 +142,8 @@ def run() -> int:
     parser = argparse.ArgumentParser(description="Run motions on a busy machine")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--load", type=int, default=6, help="busy processes")
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
-    parser.add_argument("--task", action="append", choices=list(TASKS), help="all if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
+    parser.add_argument("--task", action="append", choices=list(TASKS), help="default: all")
     options = parser.parse_args()
     names, tasks = options.arm or ["so101", "koch"], options.task or list(TASKS)
     well = [campaign(name, options.runs, options.load, tasks) for name in names]

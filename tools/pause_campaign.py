@@ -24,7 +24,7 @@ from served_arm import Served, apart, begun, forked, served, somewhere, start_an
 
 import ikservo
 
-ENDED_WELL, HELD_UP = 0, 8  # Dynamixels have stopped themselves; the motion is refused
+ENDED_WELL, HELD_UP = 0, 8  # exit codes; 8: Dynamixels have stopped, so the motion is refused
 LONGEST_S, SLACK = 0.05, 1.2  # longest time of a step, and a tolerance; see docs/faults.md
 
 
@@ -33,7 +33,7 @@ class Pauses:
     """The results of the pauses of one arm.
 
     Attributes:
-        travels: Distance that a joint still moved while its program was suspended, each time,
+        travels: The largest travel of a joint while its program was suspended, in each pause,
             ticks.
         codes: Exit codes of the programs.
         failed: Number of times that the next program could not start.
@@ -91,7 +91,7 @@ def run() -> int:
     """Suspend programs of both families."""
     parser = argparse.ArgumentParser(description="Suspend programs while an arm moves")
     parser.add_argument("--pauses", type=int, default=100)
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     names = options.arm or ["so101", "koch"]

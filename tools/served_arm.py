@@ -1,4 +1,4 @@
-"""An arm served on a pseudo-terminal in real time, and programs of their own that move it."""
+"""An arm served on a pseudo-terminal in real time, and separate programs that move it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Served:
                 return json.loads(answer.readline())
 
     def audited(self) -> tuple[int, int, int]:
-        """Return goals, goals outside the servos' limits, and the longest step, after the end."""
+        """Return goals, goals outside limits, and the longest step; the server must have ended."""
         servos = json.loads(self.audit.read_text())["servos"]
         outside = sum(servo["goals_outside_limits"] for servo in servos)
         longest = max(servo["largest_goal_step"] for servo in servos)

@@ -1,6 +1,6 @@
-"""Figures of the structure: what opening an arm imports, how full folders are, repeated names.
+"""Figures of the structure: modules that opening an arm imports, sizes of folders, repeated names.
 
-The bounds stand in ``pyproject.toml`` (``[tool.ikservo.structure]``); `style_figures.py --check`
+The bounds are in ``pyproject.toml`` (``[tool.ikservo.structure]``); `style_figures.py --check`
 fails if the tree exceeds them.
 """
 
@@ -58,7 +58,7 @@ def _imports(node: ast.AST, modules: Mapping[str, Path]) -> Iterator[str]:
 
 
 def folder_sizes(package: Path) -> Counter[Path]:
-    """Return how many modules each folder holds, its ``__init__.py`` aside."""
+    """Return the number of modules in each folder, without its ``__init__.py``."""
     return Counter(path.parent for path in package.rglob("*.py") if path.name != "__init__.py")
 
 

@@ -5,7 +5,7 @@
 The check fails on a class name that is defined twice in a package, on a class that inherits
 through more than two classes of the project, and on a private word in a name of any kind, in tests
 and tools, too: words that mean something else in robotics, control, serial protocols or the web,
-or nothing at all. The words of ``tools/odd_words.txt`` may not stand in docstrings and strings.
+or nothing at all. The words of ``tools/odd_words.txt`` may not occur in docstrings and strings.
 The description of an argument or attribute may not begin with "Of", "What" or the like.
 The name of a test has at most 60 characters.
 The structure may not exceed the bounds of ``pyproject.toml`` (`structure.py`).
@@ -121,7 +121,7 @@ def repeated_names(tree: Tree) -> dict[str, list[Path]]:
 
 
 def depths(tree: Tree) -> dict[str, int]:
-    """Return through how many classes of the project each class inherits, itself included."""
+    """Return the depth of inheritance of each class within the project, itself included."""
     bases = {each.name: _bases(each.node) for each in tree.classes}
     return {name: _depth(name, bases) for name in bases}
 
@@ -145,14 +145,14 @@ def _is_outside(name: str, bases: dict[str, list[str]]) -> bool:
 
 
 def too_deep(tree: Tree) -> list[str]:
-    """Return classes that inherit through more than two, exceptions, enums and schemas aside."""
+    """Return classes that inherit through more than two, except exceptions, enums and schemas."""
     bases = {each.name: _bases(each.node) for each in tree.classes}
     found = depths(tree).items()
     return [name for name, depth in found if depth > MAX_DEPTH and not _is_outside(name, bases)]
 
 
 def private_words(tree: Tree, forbidden: frozenset[str]) -> list[str]:
-    """Return ``file: name`` of every name that the tree gives and that has a forbidden word."""
+    """Return ``file: name`` of every name defined in the tree that contains a forbidden word."""
     found = {
         f"{path.relative_to(ROOT)}: {name}"
         for path, module in tree.modules.items()
@@ -164,7 +164,7 @@ def private_words(tree: Tree, forbidden: frozenset[str]) -> list[str]:
 
 
 def _given_names(node: ast.AST) -> Iterator[str]:
-    """Yield the names that a node gives: to a definition, a parameter, a variable, an attribute."""
+    """Yield the names that a node defines: a definition, a parameter, a variable, an attribute."""
     if isinstance(node, (ast.ClassDef, *_FUNCTIONS)):
         yield node.name
     elif isinstance(node, ast.arg):
@@ -218,7 +218,7 @@ def return_fraction(tree: Tree) -> float:
 
 
 def single_use_helpers(tree: Tree) -> list[str]:
-    """Return the private functions and methods that their module names once besides the definition.
+    """Return the private functions and methods that their module uses only once.
 
     Properties, overloads and functions that a decorator registers do not count.
     """
@@ -276,7 +276,7 @@ def _spread(values: Sequence[int]) -> str:
 
 
 def drift(tree: Tree) -> list[str]:
-    """Return what has drifted in a tree of the product, one line each."""
+    """Return one line for each rule that a tree of the product violates."""
     twice = repeated_names(tree).items()
     return [
         *(f"class {name} is defined in {_listed(paths)}" for name, paths in twice),
@@ -291,13 +291,13 @@ def _listed(paths: Sequence[Path]) -> str:
 
 
 def _words(name: str) -> frozenset[str]:
-    """Return the words of a file in ``tools``, one a line, comments aside."""
+    """Return the words of a file in ``tools``, one per line, without comments."""
     lines = (ROOT / "tools" / name).read_text("utf-8").splitlines()
     return frozenset(word for line in lines if (word := line.partition("#")[0].strip()))
 
 
 def main() -> int:
-    """Print the figures, or what has drifted; return the exit code."""
+    """Print the figures, or the violations; return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="fail on drift")
     parser.add_argument("--helpers", action="store_true", help="list the helpers used once")

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A part of the suite with every direct dependency at the lowest version that pyproject.toml allows.
-# Needs uv; `make test-oldest` makes the environment .venv-oldest anew. Warnings of deprecations do
+# Needs uv; `make test-oldest` creates the environment .venv-oldest anew. Warnings of deprecations do
 # not count, because old packages warn about newer ones.
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -1,7 +1,7 @@
 """Draw the sheet of crosses for touch-offs: ``python tools/touch_grid.py > docs/touch-grid.svg``.
 
-One unit of the drawing is a millimetre of an A4 sheet before the arm, its long edge
-across; the near edge is the lower one.
+One unit of the drawing is a millimetre of an A4 sheet in front of the arm, with its long edge
+across; the lower edge is nearest to the arm.
 """
 
 from __future__ import annotations

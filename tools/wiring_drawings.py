@@ -74,7 +74,7 @@ def draw(wiring: Wiring) -> str:
 
 
 def _servo(x: int, joint: str, model: str, servo_id: int, *, first: bool) -> Iterator[str]:
-    """Yield a servo with its joint, and the cable that leads to it from the one before."""
+    """Yield a servo with its joint, and the cable from the previous servo."""
     if not first:
         yield _line([(x - _GAP, _TOP + 31), (x, _TOP + 31)], _DATA)
     yield from _box(x, _TOP, (f"id {servo_id}", model), _DATA)

@@ -53,7 +53,7 @@ class IdentifiedArm(StrictModel):
 
     format: Literal[1] = Field(description="1")
     arm: Name = Field(description="an arm's name")
-    written: datetime = Field(description="a date and time with its offset")
+    written: datetime = Field(description="a date and time with UTC offset")
     tool_version: Text = Field(description="the version of ikservo")
     usb_serial_number: Text = Field(description="the adapter's serial number, or empty")
     joints: tuple[IdentifiedJoint, ...] = Field(

@@ -111,7 +111,7 @@ class CalibratedOrigin(StrictModel):
 class CalibratedGeometry(StrictModel):
     """``[geometry]``: corrections of links and base relative to the arm file, by touch-off."""
 
-    touched: datetime = Field(description="a date and time with its offset")
+    touched: datetime = Field(description="a date and time with UTC offset")
     touches: int = Field(ge=1, le=10_000, description="a whole number")
     left_out: int = Field(ge=0, le=10_000, description="a whole number")
     before_mm: float = Field(ge=0, description="millimetres, on touches left out")
@@ -152,7 +152,7 @@ class CalibratedCamera(StrictModel):
     """``[camera]``: a camera that has seen the arm, and its position."""
 
     source: Text = Field(description="a number, device or address")
-    seen: datetime = Field(description="a date and time with its offset")
+    seen: datetime = Field(description="a date and time with UTC offset")
     pictures: int = Field(ge=1, le=10_000, description="a whole number")
     left_out: int = Field(ge=0, le=10_000, description="a whole number")
     before_mm: float = Field(ge=0, description="millimetres, in pictures left out")
@@ -184,7 +184,7 @@ class Calibration(StrictModel):
 
     format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
     arm: Name = Field(description="an arm's name")
-    written: datetime = Field(description="a date and time with its offset")
+    written: datetime = Field(description="a date and time with UTC offset")
     tool_version: Text = Field(description="the version of ikservo")
     usb_serial_number: Text = Field(description="the adapter's serial number, or empty")
     family: Name = Field(description="feetech_sts, dynamixel_2 …")

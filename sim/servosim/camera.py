@@ -116,7 +116,7 @@ class SimulatedCamera:
         self.hint = ""
 
     def set_stage(self) -> None:
-        """Also draw the arm, its table and cubes, if MuJoCo can; otherwise ``hint`` says why."""
+        """Also draw the arm, its table and cubes, if MuJoCo can draw; otherwise set ``hint``."""
         around = self._world.surroundings
         if around is None:
             return

@@ -76,7 +76,7 @@ def timed(
 def ramp(
     velocity_rad_s: float, goal_rad_s: float, acceleration_rad_s2: float
 ) -> list[ProfileSegment]:
-    """Plan from one velocity to another; no segments if it jumps."""
+    """Plan a ramp from one velocity to another; no segments if the velocity jumps."""
     if acceleration_rad_s2 <= 0.0 or goal_rad_s == velocity_rad_s:
         return []
     slope = math.copysign(acceleration_rad_s2, goal_rad_s - velocity_rad_s)
@@ -116,7 +116,7 @@ class ProfileGenerator:
     def follow(
         self, pieces: Sequence[ProfileSegment], end_rad: float, end_rad_s: float = 0.0
     ) -> None:
-        """Move along `pieces` from here, and end exactly at a position with a velocity."""
+        """Move along the segments `pieces`, and end exactly at a position with a velocity."""
         self._pieces = [piece for piece in reversed(pieces) if piece.duration_s > 0.0]
         self._end_rad, self._end_rad_s = end_rad, end_rad_s
         self._start_segment()
@@ -166,7 +166,7 @@ class ControlMode(Enum):
 class DriveCommand:
     """The commands of a servo's memory in SI units; set by the servo, read by the motor.
 
-    The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
+    The position loop acts on the bridge's duty (PWM, -1..1), as in the datasheets' diagrams:
     `duty = kp e + ki ∫e dt + kd de/dt + startup_pwm sign(e) + kv v + ka a`, with
     `e = reference - encoder` in whole ticks of the sensor, less the dead zone, and v, a of the
     reference. The stiffness at the output is therefore `kp` times the torque at full duty and the
@@ -196,7 +196,7 @@ class DriveCommand:
         velocity_feed_forward: Duty per rad/s of the reference [s/rad].
         acceleration_feed_forward: Duty per rad/s² of the reference [s²/rad].
         tick_rad: Resolution of the sensor; 0 = infinite.
-        dead_zone_rad: Errors up to this size count as zero, larger ones are reduced by it.
+        dead_zone_rad: Errors up to this size count as zero; larger errors are reduced by it.
         startup_pwm: Duty added in the direction of an error outside the dead zone (Feetech's
             start-up force).
         minimum_pwm: Smallest duty for an error outside the dead zone (Dynamixel's punch).

@@ -89,7 +89,7 @@ class Tip:
                 return found.tolist()
             shortest_m = min(shortest_m, short_m)
         place = ", ".join(f"{x:.3f}" for x in point_m)
-        short = f"it stays {1000 * shortest_m:.1f} mm short"
+        short = f"it stops {1000 * shortest_m:.1f} mm short"
         raise SimulatorError(f"the tip cannot be moved to ({place}) m; {short}")
 
     def _search(self, goal_m: Matrix, q: Matrix) -> tuple[Matrix, float]:

@@ -319,7 +319,7 @@ class SimulatedDynamixelX(Servo):
             self.set_torque()
 
     def set_mode(self) -> None:
-        """Apply a new operating mode: default gains, profile and goals, positions of one turn."""
+        """Apply a new operating mode: default gains, profile, goals; positions within a turn."""
         mode = self.memory.get("operating_mode")
         if mode == self.mode:
             return

@@ -25,10 +25,10 @@ FAMILY: Mapping[str, tuple[float, float]] = MappingProxyType(
 )
 """Ranges of uniform distributions, for each joint and its servos; the last two for the arm.
 
-Ranges without a unit are factors. The output's friction and damping are in addition at most a part
-of the servo's total (`parameters.in_an_arm`). The D gain of an STS acts in half of the arms,
-because its unit is unknown. Backlash: 0.5° is what Feetech promises, 1° was measured on three
-STS3215. Friction, torque constant and armature: published fits of the same model differ by as much.
+Ranges without a unit are factors. The output's friction and damping are also limited to a part of
+the servo's total (`parameters.in_an_arm`). The D gain of an STS acts in half of the arms, because
+its unit is unknown. Backlash: Feetech specifies 0.5°, and 1° was measured on three STS3215.
+Friction, torque constant and armature: published fits of the same model differ by as much.
 The others are estimates.
 """
 

@@ -1,4 +1,4 @@
-"""Feetech firmware: clipping, lock, alarms, protections; the series differ in parts of it."""
+"""Feetech firmware: clipping, lock, alarms, protections; each series supplies its own part."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not block
 
 
 class FeetechProtections(AlarmBits):
-    """Protections of one servo; bits clear with their causes, overloads when torque is enabled."""
+    """Protections of a servo; bits clear with their causes, an overload when torque is enabled."""
 
     def __init__(self, servo: Servo) -> None:
         super().__init__()

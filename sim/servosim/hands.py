@@ -19,7 +19,7 @@ from servosim.servo import Servo
 from servosim.world import World
 
 HANDS = ("sweep", "calibrate")
-"""Kinds of hands."""
+"""Names of the scripted hands."""
 
 _HAND_LIMIT = 10.0  # largest force: N m, or N on a prismatic joint
 POLL_PERIOD_S = 0.05  # time between two polls for joints without torque

@@ -40,13 +40,13 @@ def status_packet(id_: int, servo: Servo, outcome: Outcome) -> bytes:
 
 
 def touches_eeprom(servo: Servo, address: int, length: int) -> bool:
-    """Check whether a write reaches into the EEPROM."""
+    """Check whether a write includes EEPROM registers."""
     rows = servo.table.registers_in(address, length)
     return any(row.persists for row in rows)
 
 
 def read_uint16(params: bytes, at: int) -> int:
-    """Read the 16-bit number at a place."""
+    """Read the 16-bit number at an index."""
     return int.from_bytes(params[at : at + 2], "little")
 
 

@@ -29,7 +29,7 @@ class Transmission(Protocol):
         ...
 
     def slope(self, horn_rad: float) -> float:
-        """Return the derivative of the joint position by the horn's rotation, rad or m per rad."""
+        """Return the joint motion per rotation of the horn at this position, rad or m per rad."""
         ...
 
 
@@ -105,7 +105,7 @@ class CrankAndRod:
 
 
 DIRECT = Ratio()
-"""The transmission of a horn that sits on the joint itself."""
+"""The transmission of a horn that is mounted on the joint itself."""
 
 
 Path = Callable[[float], tuple[float, float]]  # seconds since the grasp -> position, velocity

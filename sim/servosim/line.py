@@ -155,7 +155,7 @@ class Line:
         inbox: Bytes that will arrive at the host.
         faults: The injected faults.
         witnesses: Listeners to every frame.
-        plugged: False while the adapter's cable is pulled.
+        plugged: Whether the adapter's cable is plugged in.
     """
 
     def __init__(self, world: World, baud: int, options: LineOptions | None = None) -> None:

@@ -39,7 +39,7 @@ class LocalDynamics:
         load_slope: Derivative of the load with respect to the positions (n, n).
         mass: M at q0 (n, n).
         christoffel: Velocity forces are `-christoffel[i, j, k] v[j] v[k]` (n, n, n); the derivative
-            of `M[i, j]` by `q[k]` is `christoffel[i, j, k] + christoffel[j, i, k]`.
+            of `M[i, j]` with respect to `q[k]` is `christoffel[i, j, k] + christoffel[j, i, k]`.
     """
 
     positions: Matrix

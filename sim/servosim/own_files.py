@@ -1,4 +1,4 @@
-"""The text of the simulator's own files, bounded before it is parsed."""
+"""Read the simulator's own files; their size is checked before they are parsed."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def in_an_arm(
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
 # makers' sheets. MX64 is BAM's fit (params/mx64, model m4). No sheet gives an armature: unless it
 # was measured, a servo has the rotor of its relative in the same case.
-# Backlash: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100
+# Backlash: Feetech specifies at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100
 # issue 134), its MJCF has 1°, and 1° makes the logs' pendulums swing as they do at rest; 0.4° does
 # so for the STS3250.
 # ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.

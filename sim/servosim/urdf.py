@@ -145,7 +145,7 @@ class MovingJoint:
         T_parent_joint: The frame at zero, in the parent's frame.
         lower: Limit [rad or m]; -inf when continuous.
         upper: Limit [rad or m]; inf when continuous.
-        mimic: Joint that it copies; its own name if it copies none.
+        mimic: Joint that it follows; its own name if it follows none.
         multiplier: `q = multiplier * q_mimic + offset`.
         offset: See multiplier.
         body: The body that it carries, up to the next moving joints.
@@ -241,7 +241,7 @@ def _walk_tree(path: Path, base: str) -> _TreeWalk:
 
 @lru_cache(maxsize=8)
 def _walk_document(text: bytes, base: str) -> _TreeWalk:
-    """Walk a document once for its joints, shapes and tip; callers do not change the result."""
+    """Walk a document once for its joints, shapes and tip; callers must not change the result."""
     return _TreeWalk(ElementTree.fromstring(text), base_pose(base))
 
 

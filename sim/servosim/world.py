@@ -273,7 +273,7 @@ class World:
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:
-        """Check whether the servos have moved since the last motion."""
+        """Check whether the servos have left their positions after the last motion."""
         if self._mover is None or not self._positions:
             return positions != self._positions
         paths = zip(positions, self._positions, strict=True)

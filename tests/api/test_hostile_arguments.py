@@ -33,7 +33,7 @@ def test_text_of_any_value_in_a_message_has_at_most_201_letters():
     assert shown(0.5) == "0.5"
 
 
-def test_error_spells_out_control_characters_of_what_it_quotes():
+def test_error_escapes_control_characters_in_quoted_text():
     error = RefusedError("\x1b[2J\u202eA\ud800 file", "See\x07 it.")
     assert str(error) == "\\x1b[2J\\u202eA\\ud800 file\nSee\\x07 it."
     assert str(BadValueError("It", 10**5000, "less")).startswith("It is a value of type int.")

@@ -44,14 +44,14 @@ def test_line_ends_in_full_orientation(six):
     assert turned_by(six, plan, wanted) < np.radians(0.5)
 
 
-def test_five_joint_arm_reaches_orientation_it_can_have(five):
+def test_five_joint_arm_reaches_attainable_orientation(five):
     q = five.chain.clip(five.where().positions_rad[:5] + np.array([0.2, 0.05, -0.05, 0.1, 0.3]))
     T = five.chain.forward(q)
     plan = five.plan_to(T[:3, 3], orientation=T[:3, :3])
     assert turned_by(five, plan, T[:3, :3]) < np.radians(0.5)
 
 
-def test_five_joint_arm_refuses_orientation_it_cannot_have(five):
+def test_five_joint_arm_refuses_unattainable_orientation(five):
     here = five.where()
     wanted = exp_so3(np.array([0.0, 0.0, 0.7])) @ here.orientation
     with pytest.raises(ikservo.OrientationError, match="5 joints") as caught:
@@ -61,7 +61,7 @@ def test_five_joint_arm_refuses_orientation_it_cannot_have(five):
     assert len(arm_file("so101")["joints"]) - 1 == 5
 
 
-def test_pitch_out_of_reach_does_not_blame_missing_freedom(five):
+def test_unreachable_pitch_is_not_blamed_on_missing_joint(five):
     with pytest.raises(ikservo.OrientationError) as caught:
         five.plan_to((0.40, 0.0, 0.20), stance=ikservo.ToolOrientation(pitch_rad=-1.5))
     assert caught.value.freedom == ""

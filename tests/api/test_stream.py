@@ -44,7 +44,7 @@ def test_stream_follows_joint_arrays(arm):
     assert true_joints(arm)["wrist_roll"] == pytest.approx(start[4] + 0.1, abs=0.02)
 
 
-def test_paced_stream_takes_its_duration_on_arms_clock(arm):
+def test_stream_is_paced_by_the_clock_of_the_arm(arm):
     clock, start = clock_of(arm), joints_of(arm)
     with arm.stream(rate_hz=50) as stream:
         stream.send(start)

@@ -53,7 +53,7 @@ def test_where_gives_joints_by_name(still):
 
 
 @pytest.mark.full
-def test_measured_positions_can_be_moved_back_to(arm):
+def test_arm_moves_back_to_measured_positions(arm):
     there = arm.where().positions
     arm.move_to(NEAR)
     assert arm.move_joints(there).reached

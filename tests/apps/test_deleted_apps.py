@@ -51,7 +51,7 @@ def run(folder, *words):
 
 @pytest.mark.sample(3)
 @pytest.mark.full
-def test_core_works_without_any_single_app(without):
+def test_core_works_if_any_one_app_is_deleted(without):
     folder, app = without
     listed = run(folder, "-m", "ikservo", "--help")
     assert listed.returncode == 0, listed.stderr

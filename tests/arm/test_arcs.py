@@ -27,7 +27,7 @@ def tip_of_reference(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ARMS)
-def test_a_circle_ends_where_it_began_and_goes_around(name):
+def test_circle_ends_at_its_start_after_a_full_turn(name):
     arm, tip_m = held(name)
     with arm:
         far = []
@@ -43,7 +43,7 @@ def test_a_circle_ends_where_it_began_and_goes_around(name):
 
 
 @pytest.mark.full
-def test_an_arc_passes_its_via_point():
+def test_arc_passes_through_its_via_point():
     arm, tip_m = held("open_manipulator_x")
     with arm:
         via, end = tip_m + at(-0.02, 0.03, 0.0), tip_m + at(-0.05, 0.04, 0.01)

@@ -141,7 +141,7 @@ def test_report_separates_motion_time_from_settling_time(arm):
 
 
 @pytest.mark.full
-def test_not_settled_error_carries_the_motion_report(arm, monkeypatch):
+def test_not_settled_error_contains_the_motion_report(arm, monkeypatch):
     settle = plan_execution.settle
     loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
     monkeypatch.setattr(plan_execution, "settle", loose)

@@ -27,7 +27,7 @@ def holds(arm):
 
 
 @pytest.mark.sample(1)
-def test_stop_after_last_cycle_is_obeyed_and_stays(arm, monkeypatch):
+def test_stop_after_last_cycle_is_obeyed_and_arm_holds(arm, monkeypatch):
     disarm = ServoRamLimits.disarm_watchdog
 
     def stopped_meanwhile(limits):

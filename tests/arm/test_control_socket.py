@@ -78,7 +78,7 @@ def test_closed_listener_does_not_leave_socket(device, owner):
     assert not socket_path(device).exists()
 
 
-def test_symlink_to_device_leads_to_its_owner(device, owner, tmp_path):
+def test_owner_of_device_is_found_by_symlink(device, owner, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(device)
     assert send_command(str(link), ControlCommand.WHERE) == {"done": "where"}
@@ -226,14 +226,14 @@ def test_silent_callers_do_not_delay_other_callers(device, owner):
         connection.close()
 
 
-def test_stop_gets_through_more_silent_callers_than_are_served(device, owner):
+def test_stop_is_answered_beside_40_silent_callers(device, owner):
     silent = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(40)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in silent:
         connection.close()
 
 
-def test_stop_gets_through_many_callers_that_wait_for_state(device, kind):
+def test_stop_is_answered_beside_callers_that_await_state(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
     def wait_for_state(request):

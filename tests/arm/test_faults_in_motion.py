@@ -299,7 +299,7 @@ def cut_power_of_one(arm, servo_id, after_s, for_s):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("for_s", "fallen"), [(1e3, "if it has no power"), (0.0, "")])
-def test_power_loss_of_one_servo_says_what_fell_and_holds(either, for_s, fallen):
+def test_power_loss_error_names_fallen_joint_and_arm_holds(either, for_s, fallen):
     cut_power_of_one(either, 3, 0.5, for_s)
     with pytest.raises((ServoSilentError, ServoAlarmError)) as caught:
         swing(either)

@@ -80,7 +80,7 @@ def test_clear_error_has_no_traceback_of_pydantic(arm):
     assert "pydantic_core" not in "".join(traceback.format_exception(caught.value))
 
 
-def test_text_of_results_is_one_short_line_and_repr_has_all(arm):
+def test_text_of_results_is_one_short_line_and_repr_complete(arm):
     values = [
         arm.where(),
         arm.move_to((0.22, 0.02, 0.12)),

@@ -265,7 +265,7 @@ def test_joint_is_jogged_while_requested(arm):
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.2, abs=0.08)
 
 
-def test_jog_ends_soon_when_requests_fall_silent(arm):
+def test_jog_ends_soon_after_the_last_request(arm):
     report = arm.jog("shoulder_pan", -0.3, wanted=lambda: None)
     assert report.ended == "no longer requested"
     assert -0.2 < true_joints(arm)["shoulder_pan"] < -0.03

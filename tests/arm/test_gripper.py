@@ -105,7 +105,7 @@ def test_least_force_grasps_object_between_jaws(name):
 
 
 @pytest.mark.parametrize(("name", "least"), LEAST.items())
-def test_force_too_small_to_move_jaws_is_refused_with_least(name, least):
+def test_force_too_small_to_move_jaws_names_least_force(name, least):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         with pytest.raises(BadValueError, match=f"a fraction from {least:g} to 1 on this arm"):
             arm.gripper("close", force=least - 0.01)
@@ -198,7 +198,7 @@ def test_gripper_without_known_widths_refuses_a_width(so101):
 
 
 @pytest.mark.parametrize("force", [0, -1, 1.01, math.nan, "hard"])
-def test_gripper_force_that_is_not_a_share_is_refused(so101, force):
+def test_gripper_force_outside_0_to_1_is_refused(so101, force):
     with pytest.raises(BadValueError, match="The force"):
         so101.gripper("close", force=force)
     assert not any(registers(so101, "torque_enable").values())

@@ -30,7 +30,7 @@ def feed(joint, ticks, start_s=0.0):
     return goals
 
 
-def test_goal_outside_the_limits_comes_back_and_not_out_again():
+def test_goal_outside_limits_moves_only_inwards():
     joint = creep(lower=-1.0, upper=-0.1)  # up to tick 1982
     sent = []
     for cycle, tick in enumerate([2000, 2000, 2012, 2012, 2012, 1990, 1990, *[2000] * 20]):
@@ -41,7 +41,7 @@ def test_goal_outside_the_limits_comes_back_and_not_out_again():
     assert outside[-1] < 2000.0
 
 
-def test_correction_leads_sagging_joint_on():
+def test_correction_raises_goal_of_sagging_joint():
     goals = feed(creep(), [1980] * 20)
     assert goals == sorted(goals)
     assert goals[-1] > 2000
@@ -57,7 +57,7 @@ def test_joint_without_wanted_position_keeps_its_goal():
     assert set(goals) == {2000.0}
 
 
-def test_correction_leads_stuck_joint_no_further_than_guard():
+def test_correction_of_stuck_joint_stays_within_max_lead():
     joint = creep()
     goals = feed(joint, [1990] * 2000)
     assert max(goals) <= 1990 + joint.driven.max_lead_ticks(0.0) + 1
@@ -81,7 +81,7 @@ def test_corrected_goal_stays_in_limits_and_names_the_limit():
 
 
 @pytest.mark.parametrize("ticks", [[1980] * 5, [2000] * 5])
-def test_goal_that_can_move_or_has_arrived_is_not_saturated(ticks):
+def test_moving_or_arrived_joint_is_not_reported_saturated(ticks):
     joint = creep()
     feed(joint, ticks)
     assert joint.saturation_reason is None

@@ -45,9 +45,7 @@ def test_unknown_lease_releases_nothing(lease):
     [(6, 0.0, True), (6, 0.29, True), (6, 0.31, False), (5, 0.0, False), (4, 0.0, False),
      (6, -0.29, True), (6, -0.31, False)],
 )  # fmt: skip
-def test_setpoint_counts_if_numbered_newer_and_below_300_ms_old(
-    lease, clock, number, age_s, counts
-):
+def test_setpoint_counts_if_newer_and_below_300_ms_old(lease, clock, number, age_s, counts):
     held = lease.acquire("ada").lease
     now_s = after(clock, 10.0)
     assert lease.accept_setpoint(held, 5, now_s)

@@ -59,7 +59,7 @@ def test_torque_limit_left_by_another_program_is_lifted(sts):
 
 
 @pytest.mark.full
-def test_watchdog_is_armed_while_goals_are_streamed_only(x_series):
+def test_watchdog_is_armed_only_while_goals_are_streamed(x_series):
     seen = []
 
     def check(_):

@@ -300,7 +300,7 @@ def test_motion_is_immutable_and_changed_by_copy():
         (lambda arm: arm.pose("zero"), "plan_to_joints"),
     ],
 )
-def test_planner_is_called_without_closures_in_between(arm, monkeypatch, move, planned_by):
+def test_planner_call_stack_contains_no_closures(arm, monkeypatch, move, planned_by):
     names = []
 
     def note(*_args, **_options):

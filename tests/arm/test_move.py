@@ -227,7 +227,7 @@ def test_arm_that_falls_at_torque_on_is_caught_and_moves_on(name):
 
 
 @pytest.mark.parametrize(("on_exit", "torque"), [("hold", True), ("relax", False)])
-def test_closing_holds_or_relaxes_the_arm_as_on_exit_says(on_exit, torque):
+def test_on_exit_selects_whether_closing_holds_or_relaxes(on_exit, torque):
     with ikservo.open_arm("so101", port="sim", on_exit=on_exit) as arm:
         arm.enable()
     assert set(map(bool, registers(arm, "torque_enable").values())) == {torque}

@@ -25,16 +25,16 @@ class Unchecked(Wave):
     joints: list = ()
 
 
-def test_own_motion_takes_fields_of_plain_types():
+def test_user_defined_motion_takes_fields_of_plain_types():
     assert Wave(times=2, angle_rad=1).times == 2
 
 
 @pytest.mark.parametrize("fields", [{"times": 2.5}, {"times": True}, {"angle_rad": "a"}])
-def test_own_motion_refuses_field_of_wrong_type(fields):
+def test_user_defined_motion_refuses_field_of_wrong_type(fields):
     with pytest.raises(BadValueError, match=next(iter(fields))):
         Wave(**fields)
 
 
-def test_own_motion_names_field_whose_type_has_no_check():
+def test_user_defined_motion_needs_types_that_are_checked():
     with pytest.raises(TypeError, match=r"Unchecked\.joints needs an annotated type"):
         Unchecked()

@@ -15,7 +15,7 @@ EACH = 10  # motions of one arm
 
 @pytest.mark.full
 @few_or_many(6, 500)
-def test_fault_in_brief_motion_keeps_goals_sound(seeds, capsys):
+def test_fault_in_brief_motion_keeps_goals_inside_limits(seeds, capsys):
     states = {}
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]

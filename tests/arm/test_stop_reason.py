@@ -76,7 +76,7 @@ def test_signal_before_first_goal_keeps_its_stop_kind(arm, monkeypatch):
     assert arm.stop_reason.kind is StopKind.TERMINATED
 
 
-def test_program_stop_with_text_of_a_cancel_is_not_forgotten(arm):
+def test_cancel_keeps_program_stop_with_the_same_text(arm):
     arm.stop(CANCELLED.text)
     motion = arm.move_joints({"shoulder_pan": 0.8}, wait=False)
     motion.cancel()

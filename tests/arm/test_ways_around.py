@@ -199,7 +199,7 @@ def test_stop_ends_path_search_and_nothing_moves(monkeypatch, beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-def test_path_search_refusal_tells_its_search_time(monkeypatch, beside_post):
+def test_path_search_refusal_reports_its_search_time(monkeypatch, beside_post):
     monkeypatch.setattr(WaySearch, "find", lambda *_: time.sleep(0.06))
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT, think_s=0.05)

@@ -111,7 +111,7 @@ def test_3d_arm_is_drawn_in_its_colour_where_it_is_picked(onlooker):
 
 
 @pytest.mark.smoke
-def test_drag_in_3d_takes_the_target_to_the_pointer(onlooker):
+def test_drag_in_3d_moves_the_target_to_the_pointer(onlooker):
     start = onlooker.tip_px()
     x, y = start + np.array([40.0, -60.0])
     onlooker.drag(start, np.array([40.0, -60.0]), steps=2)

@@ -249,7 +249,7 @@ def test_arm_is_drawn_where_it_is_picked(canvas, view):
             assert any(inside(ring, px + d) for ring in rings for d in AROUND)
 
 
-def test_outlines_of_links_all_turn_the_same_way(canvas):
+def test_link_outlines_have_the_same_winding_direction(canvas):
     for item in of_style(canvas.items(view="orbit"), "measured"):
         for ring in item["rings"]:
             x, y = np.array(ring).T
@@ -327,7 +327,7 @@ def test_drawn_jaw_opens_with_the_gripper_joint(canvas):
     assert closed["rings"] != opened["rings"]
 
 
-def test_tip_mark_is_drawn_where_the_chain_puts_it(canvas):
+def test_tip_mark_is_drawn_at_tip_of_forward_kinematics(canvas):
     home = stage("so101").home
     tip = model_of("so101").chain.forward(home)[:3, 3]
     (mark,) = of_style(canvas.items(), "tip")
@@ -384,7 +384,7 @@ def test_joint_needle_points_along_the_link_it_carries(canvas):
         assert cosine > 0.999
 
 
-def test_joint_arc_ends_where_limits_would_put_the_needle(canvas):
+def test_joint_arc_ends_at_needle_angles_of_the_limits(canvas):
     chain, q = model_of("planar3").chain, stage("planar3").home.copy()
     at_home = arc(canvas.items("planar3", "plane"), "joint2")["points"]
     for end, limit in ((0, chain.lower_rad[1]), (-1, chain.upper_rad[1])):
@@ -555,7 +555,7 @@ def test_keep_out_box_is_drawn_at_its_corners(canvas, view):
         assert over["rings"] == drawn["rings"]
 
 
-def test_table_behind_the_eye_is_not_drawn(canvas):
+def test_table_behind_the_camera_is_not_drawn(canvas):
     camera = looked_at("so101", "orbit")
     low = Camera(VIEWPORT, np.array([0.3, 0.0, 0.05]), camera.R_world_view, camera.scale_px, True)
     graph = graph_of(model_of("so101"))

@@ -55,7 +55,7 @@ def test_two_link_figure_says_when_a_point_is_out_of_reach(page):
     assert drag_to(page, "twoLinks", 0.99, 0.99).startswith("unreachable")
 
 
-def test_three_link_figure_leaves_part_of_all_directions(page):
+def test_three_link_figure_shows_part_of_tool_directions(page):
     share = re.search(r"(\d+) % of all directions", drag_to(page, "threeLinks", 0.85, 0.6))
     assert 0 < int(share[1]) < 100
 

@@ -80,7 +80,7 @@ def test_tab_key_follows_the_reading_order_of_each_screen(newcomer, screen):
     expect_read_in_order(newcomer.page, screen)
 
 
-def test_opened_program_section_scrolls_into_sight(newcomer):
+def test_opened_program_section_scrolls_into_view(newcomer):
     open_program(newcomer.page)
     newcomer.page.click("#program > summary")
     newcomer.page.evaluate("document.querySelector('.panel').scrollTop = 0")

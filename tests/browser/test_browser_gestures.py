@@ -19,7 +19,7 @@ def aside(operator, move_px):
     return operator.served.tip_m() + along
 
 
-def test_click_in_live_brings_the_tip_there(live):
+def test_click_in_live_moves_the_tip_there(live):
     goal_m = aside(live, ASIDE)
     live.click(live.tip_px() + ASIDE).until_near(live.served.tip_m, goal_m, NEAR_MM)
 
@@ -148,7 +148,7 @@ def test_arrow_keys_move_the_tip(live, key, way_mm):
     live.until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
-def test_tap_of_a_finger_brings_the_tip_there(visit):
+def test_tap_of_a_finger_moves_the_tip_there(visit):
     operator = visit(has_touch=True).enable_live().until_still()
     move = np.array([-50.0, -40.0])
     goal_m = aside(operator, move)
@@ -168,7 +168,7 @@ def test_click_after_resize_on_high_dpi_screen_hits_its_point(visit):
 
 
 @pytest.mark.campaign
-def test_pose_button_brings_every_joint_to_the_pose(live):
+def test_pose_button_moves_every_joint_to_the_pose(live):
     live.page.click("#poses >> text=Rest")
     live.until_moving().until_still()
     goal_rad = live.served.arm.model.pose("rest")

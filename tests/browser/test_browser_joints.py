@@ -84,7 +84,7 @@ def test_short_click_opens_the_gripper_a_little(live):
 
 
 @pytest.mark.campaign
-def test_typed_tool_height_brings_the_tip_there(live):
+def test_typed_tool_height_moves_the_tip_there(live):
     goal_m = live.served.tip_m() + np.array([0.0, 0.0, 0.03])
     live.page.fill("#tool-z", f"{1000 * goal_m[2]:.1f}")
     live.page.press("#tool-z", "Enter")

@@ -118,7 +118,7 @@ def test_page_fits_a_phone_and_buttons_fit_a_finger(reader):
     assert reader.page.evaluate(SMALL, 24) == []  # WCAG 2.2, 2.5.8
 
 
-def test_joint_meter_tells_position_and_limits(reader):
+def test_joint_meter_names_position_and_limits(reader):
     meter = reader.page.locator("[data-joint=elbow_flex] [role=meter]")
     assert meter.get_attribute("aria-label") == "elbow_flex"
     assert meter.get_attribute("aria-valuetext").endswith("of -96.8° to 96.8°")

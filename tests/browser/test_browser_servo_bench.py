@@ -162,7 +162,7 @@ def test_servo_page_switches_led_and_restarts_a_dynamixel(bench):
     assert bench.servos[6].read("led") == 0
 
 
-def test_servo_page_changes_id_after_question_not_to_a_taken_one(bench):
+def test_servo_page_asks_for_new_id_and_refuses_id_in_use(bench):
     bench.choose()
     for new_id, said in ((4, "belongs to another servo"), (9, "id 3 → 9")):
         bench.page.fill("#new-id", str(new_id))

@@ -33,7 +33,7 @@ TOUCHED = """(part) => {
         ),
     ],
 )
-def test_stop_button_is_in_sight_at_every_scroll_position(visit, width, scheme):
+def test_stop_button_is_visible_at_every_scroll_position(visit, width, scheme):
     operator = visit(color_scheme=scheme)
     operator.page.set_viewport_size({"width": width, "height": 844})
     operator.wait_for_picture()
@@ -93,7 +93,7 @@ def test_hanging_server_is_reported_until_it_answers(operator):
 
 
 @OWN
-def test_pulled_cable_marks_the_page_as_old(operator):
+def test_pulled_cable_marks_data_on_page_as_old(operator):
     operator.served.line.plugged = False
     operator.wait_for("status.mode === 'stopped' && status.age_s >= 1")
     operator.until("document.body.hasAttribute('data-old')")

@@ -68,7 +68,7 @@ def test_calibration_file_survives_write_and_read(calibration, path):
     assert read_calibration(path) == calibration
 
 
-def test_calibration_file_has_units_and_its_origin(path):
+def test_calibration_file_has_units_date_and_serial_number(path):
     text = path.read_text()
     keys = ("format = 1", "written = 2026-11-02 14:03:22+00:00", "tool_version", "firmware",
             "usb_serial_number", "margin_deg", "lower_deg", "lower_m", "travel_ticks")  # fmt: skip

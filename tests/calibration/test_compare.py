@@ -49,7 +49,7 @@ def test_unread_register_is_reported_as_unknown():
 
 
 @pytest.mark.parametrize(("drive_mode", "reported"), [(4, False), (1, True), (5, True)])
-def test_drive_mode_bits_unrelated_to_counting_do_not_mismatch(drive_mode, reported):
+def test_drive_mode_bits_unrelated_to_counting_are_ignored(drive_mode, reported):
     found = facts(1, "XM430-W350", drive_mode=drive_mode)
     assert bool(messages_of([found], joint(model="XM430-W350"))) is reported
 

@@ -57,7 +57,7 @@ def test_duplicate_joint_name_and_id_are_reported_at_the_second():
     }
 
 
-def test_servo_of_other_family_lists_models_of_the_own_family():
+def test_issue_of_other_servo_family_lists_expected_models():
     stranger = joint("wrist", 2, model="SCS15", travel_ticks=[100, 900])
     found, expected = issues_of(joint(), stranger)["joints", 1, "servo", "model"]
     assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250, STS3235, HLS3606M")
@@ -133,6 +133,6 @@ def test_joint_range_that_is_empty_is_reported(lower_deg, upper_deg):
 @pytest.mark.parametrize(
     "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
 )
-def test_joint_range_must_be_present_exactly_if_swept(changes):
+def test_joint_range_must_exist_if_and_only_if_swept(changes):
     assert [*issues_of(joint(**changes))] == [("joints", 0, "swept")]
     assert issues_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}

@@ -106,7 +106,7 @@ def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
     assert joint_map.position_clamped(2148) == joint_map.position(2148)
 
 
-def test_cranked_slide_tick_is_its_largest_step_without_gear():
+def test_cranked_slide_unit_per_tick_is_its_largest_step():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     horn_rad = math.tau / 4096
     assert joint_map.unit_per_tick == pytest.approx(CRANK.max_m_per_rad * horn_rad)

@@ -111,6 +111,6 @@ def test_potentiometer_servo_refuses_travel_off_its_sensor(family, low, high):
         homing_of(family, low, high, encoder=POTENTIOMETER)
 
 
-def test_magnetic_servo_without_offset_is_counted_in_its_turn():
+def test_travel_without_offset_is_shifted_by_whole_turns():
     found = homing_of(Family.DYNAMIXEL_1, -4000, -3000)
     assert found == Homing(0, False, -4096)

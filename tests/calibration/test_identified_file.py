@@ -111,7 +111,7 @@ def test_identified_file_with_wrong_value_names_its_key(home):
         read_identified(path)
 
 
-def test_identified_file_names_a_joint_listed_twice(home):
+def test_identified_file_error_names_joint_listed_twice(home):
     path = home / "arm.toml"
     path.write_text(dump_identified(identified_arm({}, {"name": "wrist"}, {})))
     with pytest.raises(FileFormatError, match=r"joints\[2\]\.name.*elbow"):

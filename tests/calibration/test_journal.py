@@ -54,7 +54,7 @@ def test_journal_is_immutable():
         ("new_text", "newest_text", "newest_text"),
     ],
 )
-def test_journal_names_the_place_of_a_wrong_value(tmp_path, old, new, where):
+def test_journal_error_names_the_place_of_a_wrong_value(tmp_path, old, new, where):
     path = tmp_path / "journal.toml"
     body = dump_journal(journal(change())).partition("\n")[2]
     assert old in body

@@ -104,14 +104,14 @@ def check_zeros_and_signs(arm, model):
 @pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
-def test_calibration_finds_truth_of_a_hidden_arm(name):
+def test_calibration_finds_hidden_zeros_and_signs_of_an_arm(name):
     judge(make_mounted_arm(name, 1))
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(100, 120))
 @pytest.mark.parametrize("name", ARMS)
-def test_calibration_finds_truth_of_200_hidden_arms(name, seed):
+def test_calibration_finds_zeros_and_signs_of_200_arms(name, seed):
     judge(make_mounted_arm(name, seed, gravity=seed % 5 == 0))
 
 

@@ -53,7 +53,7 @@ def test_partial_calibration_accepts_ids_0_to_252(servo_id):
         ("high_tick", "highest_tick", "joints[0].high"),
     ],
 )
-def test_partial_calibration_names_the_place_of_a_wrong_value(tmp_path, old, new, where):
+def test_partial_calibration_error_names_place_of_value(tmp_path, old, new, where):
     path = tmp_path / "so101.partial"
     body = dump_partial(PartialCalibration.model_validate(TABLE)).partition("\n")[2]
     assert old in body

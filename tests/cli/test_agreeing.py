@@ -120,7 +120,7 @@ def test_teach_now_announces_torque_and_replaced_pose(run_cli, tmp_path, monkeyp
     words = f"teach cup --now --arm so101 --port sim{hold}"
     first, again = run_cli(words), run_cli(words)
     assert first.code == 0
-    assert f'Saves the present pose as "cup"; {says}' in first.err.split("Saved pose")[0]
+    assert f'The present pose is saved as "cup"; {says}' in first.err.split("Saved pose")[0]
     assert "It replaces" not in first.err
     assert 'It replaces the pose "cup"' in again.err.split("Saved pose")[0]
 

@@ -23,7 +23,7 @@ def test_circle_about_a_centre_ends_where_it_began(run_cli):
     assert result.json["error_m"] < 2e-3
 
 
-def test_arc_preview_tells_its_length_and_tool_speed(run_cli):
+def test_arc_preview_reports_its_length_and_tool_speed(run_cli):
     preview = f"arc --center 0.18,0,0.08 --angle -180 {SIM} --dry-run"
     answer = run_cli(f"{preview} --tool-speed 20mm/s --json").json
     radius_m = math.dist(answer["target_m"][:2], (0.18, 0.0))

@@ -99,7 +99,7 @@ def test_folded_table_line_keeps_its_column_spaces():
     ]
 
 
-def test_folded_line_leaves_a_longer_word_whole():
+def test_folded_line_does_not_break_a_longer_word():
     assert fold("see /a/path/that/is/long now", 12) == ["see", "/a/path/that/is/long", "now"]
 
 

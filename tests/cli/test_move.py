@@ -111,7 +111,7 @@ def test_arms_command_lists_all_shipped_arms(run_cli):
     ]  # fmt: skip
 
 
-def test_arms_command_tells_an_unusual_base_frame(run_cli):
+def test_arms_command_reports_an_unusual_base_frame(run_cli):
     frames = run_cli("arms").out.partition("base frame")[2].splitlines()
     (so101,) = [line for line in frames if line.startswith("so101")]
     assert "the maker's: origin 38.84 mm behind the first axis" in so101
@@ -156,7 +156,7 @@ def test_look_at_refuses_path_and_orientation_options(run_cli, option):
     assert f"--look-at cannot be given with {option.split()[0]}" in result.err
 
 
-def test_look_at_refusal_tells_the_remaining_angle(run_cli):
+def test_look_at_refusal_reports_the_remaining_angle(run_cli):
     result = run_cli(f"move --look-at -1 0 0.1 --arm {PAN_TILT} --port sim")
     assert (result.code, result.out) == (7, "")
     assert "closest is 20." in result.err

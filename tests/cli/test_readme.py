@@ -23,7 +23,7 @@ def test_readme_warns_before_first_command_that_needs_an_arm():
     assert "one hand at the switch" in " ".join(README.partition("ikservo setup")[0].split())
 
 
-def test_readme_tells_how_to_put_ikservo_on_the_path():
+def test_readme_says_how_to_put_ikservo_on_the_path():
     assert "source .venv/bin/activate" in README
 
 

@@ -36,7 +36,7 @@ def test_solve_out_of_reach_exits_7_with_nearest_point(run_cli):
     assert 0.3 < result.json["nearest_m"][0] < 0.5
 
 
-def test_solve_text_tells_distance_to_nearest_point(run_cli):
+def test_solve_text_gives_distance_to_nearest_point(run_cli):
     assert "mm away" in run_cli("solve 0.9 0 0.2 --arm so101").out
 
 

@@ -133,7 +133,7 @@ def test_solve_all_reports_a_one_parameter_family(run_cli):
     assert "one-parameter family" in run_cli(f"{FLAT} --all").out
 
 
-def test_solve_all_without_solution_tells_the_nearest_point(run_cli):
+def test_solve_all_without_solution_gives_the_nearest_point(run_cli):
     result = run_cli("solve 0.9 0 0.05 --arm planar3 --all")
     assert result.code == 7
     assert "mm away" in result.out
@@ -268,7 +268,7 @@ def test_solve_plot_of_planar_arm_shows_only_the_top_view(run_cli, tmp_path):
     assert "z [m]" not in words_of(file)
 
 
-def test_solve_plot_out_of_reach_tells_the_distance(run_cli, tmp_path):
+def test_solve_plot_out_of_reach_shows_the_distance(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     assert run_cli(f"solve 0.9 0 0.05 --arm planar3 --method ccd --plot {file}").code == 7
     assert any(re.fullmatch(r"ccd, 5\d\d\.\d mm short", word) for word in words_of(file))
@@ -318,6 +318,6 @@ def test_solve_compare_says_which_methods_are_compiled(run_cli, monkeypatch, com
     assert ("`bounded` is compiled" in run_cli(f"{POINT} --compare").err) == compiled
 
 
-def test_joints_beyond_limits_are_not_asked_about_in_degrees(run_cli):
+def test_joint_limit_error_does_not_ask_about_degrees(run_cli):
     result = run_cli("joints elbow_flex=200 --arm so101 --port sim")
     assert (result.code, "Did you mean" in result.err) == (8, False)

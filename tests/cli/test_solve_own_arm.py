@@ -43,11 +43,11 @@ def test_solve_names_the_sweep_as_binding_limit(run_cli, file):
     )
 
 
-def test_solve_json_tells_the_source_of_each_limit(run_cli, file):
+def test_solve_json_names_the_source_of_each_limit(run_cli, file):
     assert any("hand sweep" in s for s in run_cli(f"solve {AT_THE_SIDE} --json").json["limit_from"])
 
 
-def test_solve_tells_on_stderr_which_calibration_it_uses(run_cli, file):
+def test_solve_names_its_calibration_on_stderr(run_cli, file):
     result = run_cli(f"solve {AT_THE_SIDE}")
     assert result.err == f"Limits from calibration: {file} (the newest; 1 older beside it)\n"
 

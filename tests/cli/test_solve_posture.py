@@ -8,12 +8,12 @@ from ikservo.model import load_model
 from tests.oracle import ARMS
 
 
-def test_solve_tells_whether_there_are_other_solutions(run_cli):
+def test_solve_says_whether_there_are_other_solutions(run_cli):
     assert "one of 2 solutions" in run_cli("solve 0.2 0.1 0.05 --arm planar2").out
     assert "one-parameter family" in run_cli("solve 0.2 0.1 0.05 --arm planar3").out
 
 
-def test_solve_json_tells_kind_and_count_of_solutions(run_cli):
+def test_solve_json_has_kind_and_count_of_solutions(run_cli):
     found = run_cli("solve 0.2 0.1 0.05 --arm planar2 --json").json["solutions"]
     assert found == {"kind": "several", "count": 2, "freedom": 0}
 
@@ -22,7 +22,7 @@ def test_solve_out_of_reach_has_no_other_solutions(run_cli):
     assert run_cli("solve 0.9 0 0.2 --arm so101 --json").json["solutions"]["kind"] == "none"
 
 
-def test_solve_tells_manipulability_and_nearest_singularity(run_cli):
+def test_solve_reports_manipulability_and_singularity(run_cli):
     result = run_cli("solve 0.2 0.1 0.05 --arm planar2")
     assert "mm/rad" in result.out
     assert "manipulability" in result.out
@@ -62,7 +62,7 @@ def test_solve_force_refuses_options_with_several_answers(run_cli, other):
     assert "--force" in result.err
 
 
-def test_solve_answer_is_no_farther_than_with_no_nearest(run_cli):
+def test_solve_answer_is_not_farther_than_without_nearest(run_cli):
     ask = "solve 0.25 0 0.25 --arm wx250s --direction 1,0,0.2 --json"
     first, nearest = run_cli(f"{ask} --no-nearest").json, run_cli(ask).json
     assert first["reached"]

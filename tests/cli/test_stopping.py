@@ -55,7 +55,7 @@ def torques(servos):
     return {servo.read("torque_enable") for servo in servos.values()}
 
 
-def test_ctrl_c_leaves_arm_holding_and_tells_how_to_relax(servos, monkeypatch, capsys):
+def test_ctrl_c_leaves_arm_holding_and_says_how_to_relax(servos, monkeypatch, capsys):
     press(monkeypatch, [signal.SIGINT])
     monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", lambda *_: None)
     assert move() == 130

@@ -151,7 +151,7 @@ def test_touch_off_without_operator_times_out_with_the_point(arm, tmp_path, run_
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
 
 
-def test_touch_off_sheet_tells_place_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
+def test_touch_off_sheet_names_place_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 1.0)
     done = run_cli(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err

@@ -51,7 +51,7 @@ def test_jog_ends_when_its_duration_is_up(run_cli):
 
 
 @pytest.mark.parametrize(("speed", "back"), [("-40", "--speed 40"), ("", "a negative --speed")])
-def test_blocked_jog_tells_how_to_jog_back(run_cli, speed, back):
+def test_blocked_jog_says_how_to_jog_back(run_cli, speed, back):
     option = f"--speed {speed}" if speed else ""
     joint = "shoulder_lift" if speed else "elbow_flex"
     result = run_cli(f"jog {joint} {option} --duration 6 --arm so101 --port sim")
@@ -315,7 +315,7 @@ def test_where_colours_joint_near_and_beyond_its_limit(position_rad, colour):
     assert limit_colour(state, "rad") == colour
 
 
-def test_teach_tells_what_it_will_do_before_it_waits(run_cli, monkeypatch, tmp_path):
+def test_teach_announces_its_steps_before_it_waits(run_cli, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.apps.teaching.teach_command.wait_for_enter", lambda _: None)

@@ -34,7 +34,7 @@ def test_workspace_without_a_slice_is_a_volume(run_cli):
     assert "outline_m" not in answer
 
 
-def test_workspace_slice_height_leaves_plane_of_planar_arm(run_cli):
+def test_workspace_slice_above_planar_arm_is_empty(run_cli):
     answer = run_cli(f"{P2} --height 0.3 --json").json
     assert answer["reachable_cells"] == 0
     assert answer["lower_m"] is None
@@ -153,7 +153,7 @@ def test_workspace_point_below_table_is_inside_without_checks(run_cli):
     assert run_cli("workspace --arm so101 --point 0.2 0 -0.05 --no-collision").code == 0
 
 
-def test_workspace_slice_leaves_out_what_the_table_forbids(run_cli):
+def test_workspace_slice_excludes_points_blocked_by_table(run_cli):
     side = "workspace --arm so101 --slice side --cell 2cm --json"
     checked, plain = run_cli(side).json, run_cli(f"{side} --no-collision").json
     assert checked["lower_m"][1] > -0.01

@@ -58,7 +58,7 @@ def test_resting_joint_keeps_the_goal_that_friction_allows(compensator, start):
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
 
 
-def test_compensation_after_a_stall_leads_by_as_much(compensator, start):
+def test_compensation_after_a_stall_has_the_same_lead(compensator, start):
     leads = []
     for cycle_time_s in (0.02, None):  # a goal is held for two hundredths of a second
         compensator.begin(start, start, cycle_time_s)

@@ -72,7 +72,7 @@ def test_feedback_rate_term_fades_without_replies(feedback):
     np.testing.assert_array_equal(feedback.integral, integral)
 
 
-def test_feedback_ignores_small_error_and_starts_from_its_band(feedback):
+def test_feedback_counts_only_error_beyond_its_dead_band(feedback):
     fed(feedback, [0.003] * 20, left=0.004)
     assert feedback.fast == feedback.integral == 0.0
     fed(feedback, [0.003] * 20, left=0.002)
@@ -155,7 +155,7 @@ def test_feedback_stays_strong_after_swing_or_one_overshoot(feedback, errors):
     assert answer == pytest.approx(fresh)
 
 
-def test_feedback_softens_light_and_stiffens_pressed_joint():
+def test_feedback_is_softer_for_light_stiffer_for_pressed():
     lag, inertia_s2 = [0.01] * 200, np.array([0.8 / 18.0**2])
     stiffness, braking = [], []
     for pressed in (0.0, 1.0):

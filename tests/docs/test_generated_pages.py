@@ -48,7 +48,7 @@ def test_command_page_lists_every_option(pages, name):
 def test_arm_file_page_has_type_and_default_of_every_key(pages):
     text = pages["reference/arm-toml.md"]
     assert [key for key in ArmFile.model_fields if f"| `{key}` |" not in text] == []
-    assert "| `gear` | number, above 0 | no, else `1.0` |" in text
+    assert "| `gear` | number, above 0 | no; default `1.0` |" in text
     assert "| `id` | whole number, at least 0, at most 252 | yes |" in text
 
 

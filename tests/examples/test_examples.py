@@ -50,7 +50,7 @@ def test_every_example_is_tested_and_listed():
 
 
 @pytest.mark.parametrize("name", sorted(set(PRINTED) - {"network", "camera_pick"}))
-def test_example_runs_and_prints_what_it_promises(run, name, tmp_path):
+def test_example_runs_and_prints_its_documented_output(run, name, tmp_path):
     assert re.search(PRINTED[name], run(name))
     pictures = {path.name: path.read_bytes()[:4] for path in tmp_path.glob("*.png")}
     assert pictures == ({"workspace.png": b"\x89PNG"} if name == "plot_workspace" else {})

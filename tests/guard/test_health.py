@@ -22,11 +22,11 @@ def test_healthy_servo_does_not_give_warning():
 
 
 @pytest.mark.parametrize("celsius", [60.0, 64.0])
-def test_servo_from_60_celsius_is_warned_about(celsius):
+def test_servo_at_60_celsius_gives_a_warning(celsius):
     assert see(temperature_c=celsius) == (f"elbow is at {celsius:.0f} °C; motion stops at 65 °C.",)
 
 
-def test_servo_below_60_celsius_is_not_warned_about():
+def test_servo_below_60_celsius_gives_no_warning():
     assert see(temperature_c=59.9) == ()
 
 

@@ -31,7 +31,7 @@ def test_sampled_motion_steps_stay_within_sampling_step(start, goal):
 
 @settings(max_examples=50, deadline=None)
 @given(joints, joints)
-def test_joints_of_equal_pace_go_straight_from_rest_to_goal(start, goal):
+def test_joints_of_equal_speed_go_straight_from_rest_to_goal(start, goal):
     path = sampled(start, goal, [PACES[0]] * 2)
     span = goal - start
     across = (path - start) @ np.array([span[1], -span[0]])

@@ -14,7 +14,7 @@ def test_max_step_is_speed_times_time_plus_one_tick(elapsed_s, most):
     assert RateLimiter(1000.0).max_step(elapsed_s) == most
 
 
-def test_rounding_tick_once_used_is_gone_for_next_step():
+def test_rounding_tick_is_available_to_one_step_only():
     limiter = RateLimiter(1000.0)
     limiter.consume(11, 0.01)
     assert limiter.max_step(0.01) == 10

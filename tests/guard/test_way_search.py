@@ -45,7 +45,7 @@ def test_path_search_goes_through_gap_to_reachable_goal():
     np.testing.assert_array_equal(way, search(maze(), goals).find(most))
 
 
-def test_path_search_continues_where_it_was_left():
+def test_path_search_resumes_where_it_was_interrupted():
     parts = search(maze())
     found = [parts.find(10) for _ in range(200)]
     way = next(way for way in found if way is not None)
@@ -60,7 +60,7 @@ def test_path_search_without_free_end_ends_at_once():
     assert search(maze(), [[0.5, 0.2]]).find(100) is None
 
 
-def test_path_search_ends_at_callback_and_at_its_bound():
+def test_path_search_ends_by_callback_or_sample_limit():
     walled, asked = search(maze(gap=5.0)), []
 
     def ends_at_the_third():

@@ -112,7 +112,7 @@ def test_backup_names_its_model_id_and_path(bus):
     ('"STS3215"', f'"{"x" * 5000}"'), ("id = 1\n\n", f"id = [{'1, ' * 2000}]\n\n"),
     ("homing_offset = 0", f'homing_offset = "{"y" * 5000}"'),
 ])  # fmt: skip
-def test_error_of_damaged_backup_is_cut_short(bus, old, new):
+def test_error_of_damaged_backup_is_truncated(bus, old, new):
     path, _ = back_up_once(bus, "so101")
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileFormatError) as failed:

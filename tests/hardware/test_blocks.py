@@ -57,7 +57,7 @@ def test_servo_silent_in_one_of_two_reads_has_error_and_no_value(feetech, line):
     assert "read present_position" in str(readings.errors[1])
 
 
-def test_families_with_different_register_order_read_together(port, line):
+def test_families_with_other_register_order_are_read_together(port, line):
     bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, XL430W250)])
     line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
     line.expect(

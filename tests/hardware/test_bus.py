@@ -143,7 +143,7 @@ class TestUnresponsiveServos:
             patient.sync_read([1], RegisterName.PRESENT_POSITION)
         return patient
 
-    def test_sync_read_skips_unresponsive_servo_at_no_cost(self, unresponsive_bus, line):
+    def test_sync_read_skips_unresponsive_servo_without_delay(self, unresponsive_bus, line):
         before_s = line.clock.now_s()
         assert isinstance(
             unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors[1],
@@ -203,7 +203,7 @@ class TestErrors:
         assert caught.value.sent == bytes.fromhex(READ_1)
         assert caught.value.received == bytes.fromhex("FF FF 01 04 00 01 08 F2")
 
-    def test_silence_error_guesses_unplugged_cable(self, port, line):
+    def test_silence_error_suggests_unplugged_cable(self, port, line):
         names = ["pan", "lift", "elbow"]
         bus = ServoBus(port, [ServoSpec(i, STS3215, n) for i, n in enumerate(names, 1)], retries=0)
         line.expect("FF FF FE 07 82 38 02 01 02 03 38", AT_2048)

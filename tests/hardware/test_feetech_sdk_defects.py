@@ -44,7 +44,7 @@ class TestF1StaleInput:
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
-    def test_driver_varies_request_so_late_reply_cannot_pass(self, feetech, line):
+    def test_driver_varies_requests_to_reject_late_replies(self, feetech, line):
         line.expect(READ_POSITION, AT_5, after_s=0.0028)
         line.expect("FF FF 01 04 02 37 03 BE", "FF FF 01 05 00 01 00 08 F0")
         with pytest.raises(ServoSilentError):
@@ -303,7 +303,7 @@ class TestF14Ping:
 class TestF16NoSyncRead:
     """SCS servos never answer a sync read."""
 
-    def test_sdk_sync_read_times_out_on_servo_without_it(self, stock, line):
+    def test_sdk_sync_read_times_out_if_servo_lacks_sync_read(self, stock, line):
         handler, port = stock
         group = scservo_sdk.GroupSyncRead(port, handler, 56, 2)
         group.addParam(1)

@@ -44,7 +44,7 @@ def test_goal_outside_range_is_refused_with_all_others(bus, tick, ranges, reache
 
 
 @pytest.mark.parametrize("confirmed", [False, True])
-def test_goal_inside_range_or_on_way_back_is_written(bus, confirmed):
+def test_goal_inside_range_or_towards_it_is_written(bus, confirmed):
     write_goals(bus, {1: 2048, 2: 2130}, {1: (2048, 2048), 2: (2000, 2100)},
                 reached=lambda _: (2150,), confirmed=confirmed)  # fmt: skip
     assert [bus.read(i, RegisterName.GOAL_POSITION, raw=True) for i in (1, 2)] == [2048, 2130]

@@ -43,7 +43,7 @@ def test_ping_sweep_receives_replies_delayed_by_adapter(on_line, arm, framing, l
     assert found_ids.junk == 0
 
 
-def test_ping_sweep_of_other_framing_finds_nothing(on_line):
+def test_ping_sweep_in_other_protocol_finds_nothing(on_line):
     assert ping_ids(on_line("so101"), TWO, TWO.ids).frames == {}
 
 

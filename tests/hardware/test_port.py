@@ -35,7 +35,7 @@ class TestOpening:
 
     @pytest.mark.skipif(sys.platform == "win32", reason="these are names of Unix")
     @pytest.mark.parametrize("name", ["/", "/dev/null", "/dev/zero", __file__])
-    def test_device_that_is_not_serial_is_refused_in_plain_words(self, name):
+    def test_device_that_is_not_serial_gives_one_clear_error(self, name):
         with pytest.raises(NoPortError, match=r": not a serial port\.\nPorts found: "):
             open_port(name, 1_000_000)
 

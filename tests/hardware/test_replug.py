@@ -130,7 +130,7 @@ def test_unplugged_cable_raises_error_within_100_ms(new_pty, moment):
     port.close()
 
 
-def test_port_connect_resets_everything_learned_of_old_line():
+def test_port_connect_resets_what_was_learned_of_old_line():
     port = Port(make_transport({1: "STS3215"}), "old", 1_000_000)
     new = Port(make_transport({1: "STS3215"}), "new", 57_600)
     lock, kept = port.lock, vars(port).keys()

@@ -139,7 +139,7 @@ class TestNewOrOddLine:
         line.expect(request(1, 56, 2), reply(1, 0, 8))
         assert suspecting_bus.read(1, STS3215.present_position, raw=True) == 2048
 
-    def test_odd_reply_makes_every_request_differ_from_last(self, feetech, port, line):
+    def test_odd_reply_makes_equal_requests_differ_in_length(self, feetech, port, line):
         port.health.record(odd=True)
         line.expect(request(1, 56, 2), reply(1, 0, 8)).expect(request(1, 55, 3), reply(1, 0, 0, 8))
         for _ in range(2):
@@ -202,7 +202,7 @@ def test_read_window_never_has_length_of_a_pending_reply(history, wanted, is_deg
 
 
 @given(span=spans, by=st.integers(0, 24), data=st.binary(min_size=300, max_size=300))
-def test_grown_window_holds_span_and_stays_inside_table(span, by, data):
+def test_grown_read_window_contains_original_register_span(span, by, data):
     window = span.grown(by)
     assert window.size == span.size + by
     assert 0 <= window.address <= span.address

@@ -169,7 +169,7 @@ def leaning(weights, preferred=(1.5, -1.0, -1.0, -1.0)):
     return walk("pseudo_inverse", LONG, AHEAD, START, posture=Posture(preferred, weights))
 
 
-def test_posture_does_not_keep_tip_from_target():
+def test_posture_does_not_prevent_tip_from_reaching_target():
     assert leaning([1.0, 1.0, 1.0, 1.0]).reached
 
 

@@ -253,14 +253,14 @@ def test_singularity_search_does_not_overshoot(side):
     assert found.distance_rad <= 1.1 * above_the_column_rad  # the straight elbow is at 1.5 of it
 
 
-def test_manipulability_of_many_jacobians_is_one_each():
+def test_manipulability_of_many_jacobians_is_one_per_jacobian():
     chain, postures = shoulder(), np.array([[0.5, 0.4, 0.9], [0.1, 0.2, 0.3]])
     found = manipulability(chain.jacobian(postures)[:, :3])
     assert found == pytest.approx([conditioning(chain, q).manipulability for q in postures])
 
 
 @pytest.mark.parametrize("sample", range(len(ordinary_postures(2))))
-def test_arm_stretched_in_a_sample_keeps_two_directions(
+def test_arm_stretched_in_one_sample_keeps_two_directions(
     sample,
 ):
     bend = ordinary_postures(2)[sample, 1]

@@ -152,7 +152,7 @@ def test_latin_1_file_is_refused_with_its_line(arm_path: Path) -> None:
         read_arm_file(arm_path)
 
 
-def test_many_dots_in_comment_are_accepted(arm_path: Path, arm_text: str) -> None:
+def test_arm_file_comment_with_many_dots_is_accepted(arm_path: Path, arm_text: str) -> None:
     arm_path.write_text(f"# {'.' * 100}\n{arm_text}")
     assert read_arm_file(arm_path).name == "small"
 

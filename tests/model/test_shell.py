@@ -42,7 +42,7 @@ def test_every_unconnected_link_pair_is_checked(name):
     )
 
 
-def test_pair_overlapping_in_rest_pose_counts_from_there():
+def test_pair_overlapping_in_rest_pose_has_no_contact_there():
     model = load_model("wx250s")
     rest = model.chain_pose("rest")
     assert collision_body(model).link_distances([rest]).gap_m.min() >= 0

@@ -97,7 +97,7 @@ def test_multi_turn_mode_of_mx_is_set_by_angle_limits_of_4095(make_port):
     assert servo.read("present_position") == pytest.approx(6000, abs=8)
 
 
-def test_lock_holds_until_power_cycle(make_port):
+def test_ax_lock_register_cannot_be_cleared_by_write(make_port):
     servo = make_port("AX-12A").line.servos[1]
     servo.write("lock", 1)
     refused = servo.write("id", 5), servo.write("lock", 0)

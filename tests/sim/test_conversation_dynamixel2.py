@@ -228,7 +228,7 @@ def test_broadcast_factory_reset_of_everything_is_ignored(make_port):
     assert port.line.servos[42].read("id") == 42
 
 
-def test_clear_brings_position_back_into_one_turn(make_port):
+def test_clear_instruction_returns_position_to_one_turn(make_port):
     port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("operating_mode", 4)

@@ -101,7 +101,7 @@ def test_profile_generator_without_limits_jumps_to_goal() -> None:
     assert reference.position_rad == 0.7
 
 
-def test_profile_generator_without_slope_moves_at_speed_limit() -> None:
+def test_profile_without_acceleration_moves_at_speed_limit() -> None:
     reference = ProfileGenerator(0.0)
     reference.follow(trapezoid(-0.7, 0.0, 2.0, 0.0), -0.7)
     reference.advance(0.1)

@@ -126,7 +126,7 @@ def test_moving_flag_is_set_from_start_to_end_of_profile() -> None:
     assert not motor.moving
 
 
-def test_equal_runs_are_identical() -> None:
+def test_equal_motor_simulations_are_identical() -> None:
     traces = []
     for _ in range(2):
         motor, supply_v = nominal("XL430-W250")

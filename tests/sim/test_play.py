@@ -146,7 +146,7 @@ def parameters_of(query: str) -> list[object]:
     return [[s.motor.parameters for s in world.servos], mass, rails]
 
 
-def test_each_seed_has_other_parameters_and_no_seed_nominal_ones() -> None:
+def test_seeds_differ_and_no_seed_gives_nominal_parameters() -> None:
     assert parameters_of("?seed=5") == parameters_of("?seed=5")
     assert parameters_of("?seed=5") != parameters_of("?seed=6")
     motors, _, rails = parameters_of("")

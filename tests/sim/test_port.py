@@ -19,7 +19,7 @@ def test_transmission_time_follows_from_baud_rate(make_port):
     assert port.clock.now_s() == pytest.approx(12 * 10e-6, abs=5e-6)
 
 
-def test_reply_without_wire_time_is_there_at_once(make_port):
+def test_reply_without_wire_time_is_available_at_once(make_port):
     port = make_port("STS3215", wire_time=False)
     port.write(PING)
     port.read(6)

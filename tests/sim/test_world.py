@@ -147,7 +147,7 @@ def test_calibration_hands_hold_pose_and_show_direction_first(configs):
 
 
 @pytest.mark.full
-def test_calibration_hands_restart_when_program_talks(configs):
+def test_calibration_hands_restart_at_first_packet(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     run(port, 26.0)
     wrist = port.line.world.joint("wrist_flex")

@@ -128,7 +128,7 @@ def _trials(name: str, options: argparse.Namespace, *, correct: bool) -> Iterato
 
 
 def _plans(arm: Arm, seed: int, speed: str) -> Iterator[MotionPlan]:
-    """Yield plans to random points that the arm reaches without contact, without end."""
+    """Yield endless plans to random points that the arm reaches without contact."""
     rng = np.random.default_rng(seed)
     while True:
         q = rng.uniform(arm.chain.lower_rad, arm.chain.upper_rad)
@@ -196,7 +196,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--count", type=int, default=500, help="targets per arm")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--speed", default="normal", help="slow, normal or fast")
-    parser.add_argument("--backlash-deg", type=float, default=0.5, help="of every servo")
+    parser.add_argument("--backlash-deg", type=float, default=0.5, help="backlash of every servo")
     return parser
 
 

@@ -1,4 +1,4 @@
-"""Compare our solver with other versions and peers in alternating rounds; the best one counts.
+"""Compare our solver with other versions and peers in alternating rounds; the best round counts.
 
     python tools/bench/alternating.py --versions numba=PYTHON --peers roboticstoolbox optik
 
@@ -65,7 +65,7 @@ def _options() -> argparse.Namespace:
     names = [peer.name for peer in PEERS if peer.name != _OURS]
     parser.add_argument("--peers", nargs="*", default=[], choices=names, metavar="PEER")
     parser.add_argument("--targets", type=int, default=1000)
-    parser.add_argument("--lines", type=int, default=1, help="of 1,000 points each")
+    parser.add_argument("--lines", type=int, default=1, help="lines of 1,000 points each")
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--seed", type=int, default=1)
     return parser.parse_args()
@@ -83,7 +83,7 @@ def _contestants(options: argparse.Namespace) -> list[Contestant]:
 
 
 def _ask(solver: Contestant, model: ikservo.Model, kind: str, request: dict[str, Any]) -> bool:
-    """Run one round of a solver and keep its best figures; False if it lacks such targets."""
+    """Run one round of a solver and keep its best figures; False if it has no such targets."""
     done = subprocess.run(
         [str(solver.interpreter), str(solver.runner)],
         input=json.dumps(request),

@@ -101,7 +101,7 @@ def p99(times: list[float]) -> float:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the measurements and print the results."""
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     with served("so101", "home") as (house, page):
         for clients in _CLIENT_COUNTS:

@@ -64,7 +64,7 @@ def _planar(count: int) -> ikservo.Chain:
 
 
 def _targets() -> NDArray[np.float64]:
-    """Return poses (n, 4, 4) at the same points for every chain, near the base and far off."""
+    """Return poses (n, 4, 4) at the same points for every chain, near the base and far away."""
     rng = np.random.default_rng(1)
     radius_m, angle_rad = rng.uniform(0.2, 0.9, _TARGETS), rng.uniform(-2.0, 2.0, _TARGETS)
     poses = np.tile(np.eye(4), (_TARGETS, 1, 1))

@@ -31,7 +31,7 @@ _TIMEOUT_S = 900
 
 @dataclass
 class Talk:
-    """One peer's results for one arm and kind, or why there are none."""
+    """One peer's results for one arm and kind, or the reason why there are none."""
 
     peer: Peer
     answer: dict[str, Any] = field(default_factory=dict[str, Any])
@@ -62,7 +62,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--peers", nargs="+", default=names, choices=names, metavar="PEER")
     parser.add_argument("--targets", type=int, default=1000, help="from home and from within 5°")
-    parser.add_argument("--lines", type=int, default=3, help="of 1,000 points each")
+    parser.add_argument("--lines", type=int, default=3, help="lines of 1,000 points each")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--budget", type=float, default=30.0, help="most seconds per round")
     return parser.parse_args()

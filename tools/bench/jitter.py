@@ -95,7 +95,7 @@ class DueTimes(RealClock):
         self.late_s: list[float] = []
 
     def sleep_until(self, deadline_s: float) -> None:
-        """Sleep, and record how late it ended."""
+        """Sleep, and record how late the sleep ended."""
         super().sleep_until(deadline_s)
         self.late_s.append(self.now_s() - deadline_s)
 
@@ -122,7 +122,7 @@ def measure(port: str, name: str, rate_hz: float, duration_s: float) -> Timing:
 
         trajectory = Swing(TrajectoryPoint.at_rest(servos.goals()), duration_s)
         clock.late_s.clear()
-        # A machine that is too busy brakes the motion; what was measured until then counts.
+        # A machine that is too busy brakes the motion; the measurements until then count.
         with contextlib.suppress(RefusedError):
             ControlLoop(servos, 1.0 / rate_hz).run(trajectory, note, speed_rad_s=1.0)
     return Timing(clock.late_s, sent_s, duration_s)
@@ -142,7 +142,7 @@ def words(title: str, timing: Timing, rate_hz: float) -> str:
 
 @contextmanager
 def real_time(priority: int, server_pid: int) -> Generator[None]:
-    """Give control loops a priority, as if the user's limit allowed it, and the servos, too."""
+    """Give control loops a priority, as if the user's limit allowed it; the servos get it, too."""
     before = control_real_time.allowed_priority
     control_real_time.allowed_priority = lambda: priority
     if priority:
@@ -158,7 +158,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure how steadily goals are streamed")
     parser.add_argument("--rate", type=float, default=200.0, help="Hz")
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--arm", action="append", help="so101 and koch if not given")
+    parser.add_argument("--arm", action="append", help="default: so101 and koch")
     parser.add_argument("--busy", type=int, nargs="+", default=[0, 1], help="cores kept busy")
     parser.add_argument("--priority", type=int, nargs="+", default=[0, 20], help="0: ordinary")
     options = parser.parse_args()

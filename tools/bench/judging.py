@@ -17,7 +17,7 @@ __all__ = ["Flags", "Score", "solved", "worth"]
 Flags = NDArray[np.bool_]
 
 _POSITION_M, _ANGLE_RAD = 1e-4, 1e-3
-# Solvers in other units round the limits; this much is not a violation.
+# Solvers in other units round the limits; an excess up to this is not a violation.
 _LIMIT_SLACK_RAD = 1e-9
 
 

@@ -2,9 +2,9 @@
 
 Run ``python tools/bench/limit_cycle.py LOGS [--every N]`` with the folder of the logs that
 ``tools/identify_motor.py`` reads. After a step back to where the pendulum hangs, the logs are
-judged at their end: which of them oscillate, by how much from peak to peak, and how fast. The same
-steps are replayed on the simulated line with the servo as in the table, without play, and with
-the output friction of an arm. Figures belong in docs/lab/simulated-motors.md.
+judged at their end: which of them oscillate, with what peak-to-peak amplitude and frequency. The
+same steps are replayed on the simulated line with the servo as in the table, without backlash, and
+with the output friction of an arm. Figures belong in docs/lab/simulated-motors.md.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MODELS = ("STS3215-C018", "STS3250")
 GAINS = (8, 16, 24, 32)
 END = slice(500, 598)  # rows after the step back
 LEAST_DEG = 0.2  # from peak to peak: more than two ticks are an oscillation
-LARGEST_DEG = 3.5  # more is a step that has not ended, or a reading that failed
+LARGEST_DEG = 3.5  # a larger motion is a step that has not ended, or a failed reading
 PADDED_ROWS = 2048
 
 SERVOS: dict[str, Callable[[MotorParameters], MotorParameters]] = {

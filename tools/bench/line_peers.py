@@ -4,7 +4,7 @@
 cycle and the processor time of all of them. Only the standard library and the peer are imported.
 """
 
-# The peers carry no types, and each is imported only where it is measured.
+# The peers have no type hints, and each is imported only where it is measured.
 # pyright: basic, reportMissingImports=false, reportAttributeAccessIssue=false
 # ruff: noqa: PLC0415
 

@@ -46,7 +46,7 @@ STEP_ROW, STEP_BACK_ROW = 150, 400  # steps of the trajectory "brutal"
 
 @dataclass(frozen=True)
 class Pendulum:
-    """A mass on a rod that the servo turns; at zero it hangs."""
+    """A mass on a rod that the servo turns; at zero, it hangs down."""
 
     mass_kg: float
     length_m: float
@@ -142,7 +142,7 @@ def replay(model: str, logs: Logs, log: int, parameters: MotorParameters | None 
         if held and not on[k]:
             servo.write("torque_enable", 0)
             held = False
-        # Not only once per record, which would be half a record later than on the bench.
+        # Written in each substep: once per record would be half a record later than on the bench.
         if held and goals[k] != was:
             was = int(goals[k])
             servo.write("goal_position", was)
@@ -196,7 +196,7 @@ def _crossing(share: Array, level: float) -> float:
 
 
 def _lag_s(goal_rad: Array, position_rad: Array) -> float:
-    """Return the shift of the goal that makes it most like the position."""
+    """Return the time shift that fits the goal best to the position."""
     grid = np.arange(len(goal_rad)) * ROW_S
     shifts = np.arange(0.0, 0.4, 0.001)
     inner = slice(50, None)

@@ -1,4 +1,4 @@
-"""Measure the delay of an operator's goals by network and port, and the states of eight arms.
+"""Measure the delay of an operator's goals over network and port, and the states of eight arms.
 
 Run ``python tools/bench/network_latency.py``; results belong in docs/benchmarks.md. Servos, server
 and operator are processes of their own: the servos on a pseudo-terminal, Zenoh on loopback. A goal
@@ -159,7 +159,7 @@ def delays_ms(sent: Times, arrived: Times) -> list[float]:
 
 
 def on_the_port(seconds: float, rate_hz: float) -> list[float]:
-    """Return the delays [ms] of the goals of a program beside the arm."""
+    """Return the delays [ms] of the goals of a program on the machine of the arm."""
     with (
         jitter.served("so101") as (port, _),
         open_own_arm(ikservo.load_model("so101"), port) as arm,
@@ -219,7 +219,7 @@ def _nested(jobs: Sequence[tuple[Any, ...]]) -> Generator[list[Pipe]]:
 
 
 def part(values: Sequence[float], share: float) -> float:
-    """Return the value below which a fraction of the values is."""
+    """Return the value below which a fraction of the values lies."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))]
 
@@ -254,7 +254,7 @@ def run() -> int:
     parser = argparse.ArgumentParser(description="Delay of goals and states over the network")
     parser.add_argument("--seconds", type=float, default=30.0)
     seconds = parser.parse_args().seconds
-    print("| goals | heard | median | p99 | longest |\n|---|---:|---:|---:|---:|", flush=True)
+    print("| goals | received | median | p99 | longest |\n|---|---:|---:|---:|---:|", flush=True)
     beside = on_the_port(seconds, 100.0)
     print_delays("of a program on the port, to the servos", beside)
     to_server, to_servos = over_the_network(seconds, 100.0)

@@ -4,9 +4,9 @@ Run ``python tools/bench/path_accuracy.py``; the table goes to docs/benchmarks.m
 of a family (``servosim.family``), each with its own backlash, friction, masses and supply, move
 along random lines in virtual time. The reference is the simulator's true joints, not the arm's
 readings. It measures the distance of the tip from the commanded line in each control cycle, its
-distance from the target at the end of the trajectory and after settling, and how far joints still
-move from one second after the end on. ``--mass-scale`` and ``--payload-kg`` change the simulated
-body only: the program does not know. ``--supply-v 12`` is the so101 with servos of 12 V.
+distance from the target at the end of the trajectory and after settling, and the motion of joints
+later than one second after the end. ``--mass-scale`` and ``--payload-kg`` change the simulated body
+only: the program does not know it. ``--supply-v 12`` is the so101 with servos of 12 V.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ARMS = ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s")
 SPEEDS = ("slow", "normal", "fast")
 SHORTEST_M, LONGEST_M = 0.05, 0.25
 ATTEMPTS = 60  # directions tried from one posture
-LOWEST_M = 0.05  # lines begin above this height, as below it few directions are free
+LOWEST_M = 0.05  # lines begin above this height, because few directions are free below it
 SAMPLE_S = 0.01
 REST_S, WATCHED_S = 1.0, 1.0  # wait after the end, then watch for further motion
 STILL_TICKS = 2.0  # a joint that moves no further than this rests
@@ -53,12 +53,12 @@ class Trace:
         duration_s: Duration of the planned trajectory.
         times_s: Time of the trajectory at each sample.
         tips_m: True tip at each sample, (3,) each.
-        overshoot_rad: Largest angle by which a joint passed its target while it settled; on lines,
-            on which the others compensate a joint that stays short, by which it passed its position
-            at rest.
+        overshoot_rad: Largest angle by which a joint passed its target while settling; on lines,
+            by which it passed its rest position, because other joints compensate a joint that
+            stays short.
         settling_s: Time from the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
-        moved_ticks: Largest distance that a joint still moves from one second after the end on.
+        moved_ticks: Largest motion of a joint later than one second after the end.
         failure: Reason why the motion was stopped; empty if it was not.
     """
 
@@ -74,7 +74,7 @@ class Trace:
     failure: str = ""
 
     def deviations_m(self, after_s: float = 0.0) -> Array:
-        """Return the distances of the tip from the line (k,), from a time on."""
+        """Return the distances of the tip from the line (k,) after a given time."""
         late = np.array(self.times_s) >= min(after_s, self.duration_s)
         ahead = np.array(self.tips_m)[late] - self.start_m
         way = self.end_m - self.start_m

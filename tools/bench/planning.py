@@ -1,10 +1,10 @@
-"""Measure path planning: problems solved, times, and whether other programs find paths free.
+"""Measure path planning: problems solved, times, and whether other checkers find paths free.
 
     python tools/bench/planning.py panda FOLDER --urdf FILE     # MotionBenchMaker's problems
     python tools/bench/planning.py panda FOLDER --urdf FILE --by ikservo ompl sscbirrt  # in turn
     python tools/bench/planning.py arms                         # random scenes of four arms
     python tools/bench/planning.py arms --upright 10 --best-of 20
-    python tools/bench/planning.py arms --by ompl               # asked for what is not solved
+    python tools/bench/planning.py arms --by ompl               # asked for unsolved problems
 
 FOLDER holds folders with request*.yaml and scene*.yaml. Every path is checked by Coal (through
 Pinocchio) and by MuJoCo, at samples between which nothing moves by more than a millimetre. Coal
@@ -59,7 +59,7 @@ _STEP_M = 0.001
 _MOST_S = 60.0  # time limit of other planners
 _WALK_RAD = 0.1
 _MOST = 1000000
-_ROUNDED_RAD = 1e-5  # rounding of the limits of joints with a full turn in files
+_ROUNDED_RAD = 1e-5  # rounding, in files, of the limits of joints with a full turn
 _ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 
 
@@ -331,8 +331,8 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
         names: The arms.
         scenes: Number of scenes per arm.
         upright_deg: Largest tilt of the tool on the path. Goals are then reached by steps that keep
-            it, without regard to the boxes, because an arm of five joints cannot turn over to
-            others. The first goal of a scene to which no straight path leads is taken.
+            it, without regard to the boxes, because an arm of five joints cannot turn its tool
+            over. The first goal of a scene to which no straight path leads is taken.
         seeds: Number of paths with which the length is compared, at the same distances from things.
         by: The planner that is asked for paths that were not found, without a distance to things.
     """
@@ -426,7 +426,7 @@ def best_length(preflight: PreflightPlanner, motion: MoveJoints, seeds: int) -> 
 def free_ends(
     context: ArmContext, checker: CollisionChecker, chance: random.Random, within: PathConstraint
 ) -> Array | None:
-    """Return a start and goals (1 + k, n) that touch nothing, sagging or not; None if rare."""
+    """Return a start and goals (1 + k, n) that are free with and without sag; None if rare."""
     lower, upper = context.limits()
     postures = np.array([
         [chance.uniform(a, b) for a, b in zip(lower, upper, strict=True)] for _ in range(300)
@@ -453,7 +453,7 @@ def walk(
     postures: Array,
     chance: random.Random,
 ) -> Iterator[Array]:
-    """Yield postures (n,), reached by short steps that keep a constraint from the first on."""
+    """Yield postures (n,), reached by short steps that all keep a constraint."""
     q = start = index.chain_joints(postures[0])
     while True:
         for _ in range(20):

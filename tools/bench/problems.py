@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 KINDS = ("position", "direction", "pose")
 TOOL_AXIS = (0.0, 0.0, 1.0)
-# Requested of every solver; scored with ten times the tolerance.
+# Tolerances requested of every solver; results are scored with ten times these.
 _POSITION_M, _ANGLE_RAD = 1e-5, 1e-4
 _NEAR_RAD = np.radians(5.0)
 _LINE_POINTS = 1000
@@ -26,7 +26,7 @@ _FULL_POSE_DOF = 6
 
 
 def problem_of(model: ikservo.Model, kind: str) -> dict[str, Any]:
-    """Return the fields of ``peers/protocol.py``'s ``LeastSquaresProblem``, ready for JSON."""
+    """Return the fields of ``peers/protocol.py``'s ``Problem``, ready for JSON."""
     chain = model.chain
     T, J = chain.forward_and_jacobian(np.zeros(chain.dof))
     axes: Array = J[3:].T

@@ -1,9 +1,9 @@
-"""Compare where simulated and real servos stay after they were pulled to both sides.
+"""Compare the rest positions of simulated and real servos after pulls to both sides.
 
 Run ``python tools/bench/pulled_servo.py``. The stand holds a servo at a goal; elastic bands pull
 its horn to one side for half a second, slacken for a second, and then pull to the other. The table
 has the distance between the positions while it is pulled, and after each release, beside that in
-the stand's registers. The pull is not known well: 0.15 to 0.3 N m. Figures belong in
+the stand's registers. The pull is known only roughly: 0.15 to 0.3 N m. Figures belong in
 docs/lab/simulated-motors.md.
 """
 

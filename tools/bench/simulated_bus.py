@@ -81,7 +81,7 @@ def cycles_per_second(arm: str) -> float:
 
 
 def pty_overhead_s(arm: str) -> tuple[float, float]:
-    """Read six servos through a pseudo-terminal; return median and 99 % of the excess time."""
+    """Read six servos through a pseudo-terminal; return median and p99 of the excess time."""
     feetech = arm.startswith("so")
     command = [sys.executable, "-c", SERVE, str(CONFIGS / arm / "arm.toml")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:

@@ -1,4 +1,4 @@
-"""Compare the time of whole commands with the start of Python itself, in turn.
+"""Compare the duration of whole commands with the start of Python itself, in alternation.
 
 Run ``python tools/bench/startup.py``; the table goes to docs/benchmarks.md.
 """

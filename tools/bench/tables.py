@@ -54,7 +54,7 @@ def speed_table(rows: list[Row]) -> str:
 
 
 def missing_table(refusals: Iterable[tuple[str, str, str, str]]) -> str:
-    """Return a table of what was not measured, from (solver, arm, kind, reason)."""
+    """Return a table of the missing measurements, from (solver, arm, kind, reason)."""
     where: dict[tuple[str, str], list[str]] = {}
     for solver, arm, kind, reason in refusals:
         where.setdefault((solver, reason), []).append(f"{arm} {kind}")

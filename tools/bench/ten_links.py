@@ -1,4 +1,4 @@
-"""An arm file of ten links in a plane, to measure what must not grow with their number."""
+"""A planar arm of ten links, to measure costs that must not grow with the number of links."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def grab(house: ServedArm, page: Page, x: float, y: float) -> None:
     """Press until the arm has a goal, because a busy machine may drop a message as too old.
 
     Raises:
-        TimeoutError: It has no goal within half a minute.
+        TimeoutError: The arm has no goal within half a minute.
     """
     deadline_s = time.monotonic() + 30.0
     while house.arm_thread.command.goal is None:
@@ -107,11 +107,11 @@ def _obeyed_s(
 
 
 def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float]]:
-    """Return the times from single pointer events to 2 ticks of their goals, of all joints.
+    """Return the times from single pointer events until all joints are within 2 ticks of the goal.
 
     The events turn a joint by about 0.3 degrees.
     The first list is for the reference positions of the joints, the second for the simulated
-    shafts; an event whose goal is not reached in a second counts as a second.
+    shafts; an event whose goal is not reached in a second counts as one second.
     """
     should: list[float] = []
     shafts: list[float] = []
@@ -135,7 +135,7 @@ def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float
 
 
 def _note_arrivals(house: ServedArm, times: dict[str, float], said_s: float) -> None:
-    """Note the times [ms] when the joints should be, and are, within 2 ticks of the page's goal."""
+    """Record the times [ms] at which the joints should be, and are, within 2 ticks of the goal."""
     snapshot, goal = house.arm_thread.snapshot, house.arm_thread.command.goal
     if goal is None or snapshot.reference is None:
         return
@@ -145,7 +145,7 @@ def _note_arrivals(house: ServedArm, times: dict[str, float], said_s: float) -> 
 
 
 def drag() -> tuple[int, int]:
-    """Return how many moves of a drag were received, and the maximum lag."""
+    """Return the number of received moves of a drag, and the maximum lag."""
     with served("so101", "home") as (house, page):
         received: list[int] = []
         receive: Callable[..., None] = house.controller.receive
@@ -232,7 +232,7 @@ def first_picture() -> tuple[float, float]:
 
 
 def frames_per_second() -> tuple[float, float]:
-    """Return the frames that differ from the one before, and the screen's refreshes, in a second.
+    """Return the frames that differ from the one before, and the screen's refreshes, per second.
 
     Chromium draws an arm of ten links that is dragged.
     """
@@ -260,7 +260,7 @@ def frames_per_second() -> tuple[float, float]:
 
 
 # The pointer is moved inside the page at each refresh: the test's own pipe is not measured.
-# A frame counts if what it was drawn from is not what the frame before was drawn from.
+# A frame counts if its data differ from those of the frame before.
 DRAW_ON = """() => {
   const canvas = document.getElementById("drawing");
   const began = performance.now();
@@ -285,7 +285,7 @@ DRAW_ON = """() => {
 
 
 def print_latencies() -> None:
-    """Measure from pointer events to goals."""
+    """Measure and print the time from pointer events to goals."""
     took = sorted(latencies_ms())
     p95 = took[int(0.95 * len(took))]
     print(f"pointer to goal, {EVENTS} events: median {statistics.median(took):.1f} ms, "
@@ -293,7 +293,7 @@ def print_latencies() -> None:
 
 
 def print_arrivals() -> None:
-    """Measure from pointer events to goals that the joints have reached."""
+    """Measure and print the time from pointer events until the joints have reached the goals."""
     steep = arm_thread_module.JERK_FACTOR
     for speed in ("normal", "fast"):
         for factor in (1.0, steep):
@@ -303,13 +303,13 @@ def print_arrivals() -> None:
 
 
 def print_drag() -> None:
-    """Count moves that are lost."""
+    """Count and print the lost moves of a drag."""
     received, lag = drag()
     print(f"one drag of {MOVES} moves: {MOVES - received} lost, at most {lag} behind")
 
 
 def print_frames() -> None:
-    """Measure how many pictures the browser draws."""
+    """Measure and print the number of pictures that the browser draws."""
     changed, refreshes = frames_per_second()
     print(f"ten links, dragged: {changed:.1f} frames per second that differ, "
           f"of {refreshes:.1f} refreshes of the screen")  # fmt: skip
@@ -319,14 +319,14 @@ VIEWS = {"side": ("side", False), "orbit": ("orbit", False), "orbit, 3D": ("orbi
 
 
 def print_traffic() -> None:
-    """Count what a page receives."""
+    """Measure and print the traffic to a page."""
     for name, (view, webgl) in VIEWS.items():
         idle, dragged = traffic_kb_s(view, webgl=webgl)
         print(f"to one page ({name}): {idle:.1f} kB/s at rest, {dragged:.0f} kB/s dragging")
 
 
 def print_shares() -> None:
-    """Measure the processor time of the page's thread."""
+    """Measure and print the processor time of the page's thread."""
     for name, (view, webgl) in VIEWS.items():
         idle, dragged, moves = page_share(view, webgl=webgl)
         print(f"the page's thread ({name}): {idle:.1f} % of a core at rest, {dragged:.1f} % "
@@ -334,7 +334,7 @@ def print_shares() -> None:
 
 
 def print_first_picture() -> None:
-    """Measure the page's files and how long it takes to appear."""
+    """Measure and print the size of the page's files and the time until it appears."""
     kilobytes, took_s = first_picture()
     print(f"the page: {kilobytes:.0f} kB gzipped, first picture after {took_s:.2f} s")
 
@@ -347,7 +347,7 @@ PARTS: dict[str, Callable[[], None]] = {
 
 
 def main() -> None:
-    """Measure and print."""
+    """Run the requested measurements and print the results."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"all, or some of {list(PARTS)}")
     wanted = parser.parse_args().parts or list(PARTS)

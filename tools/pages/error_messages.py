@@ -39,7 +39,7 @@ class ErrorMessage:
 
 
 def error_messages() -> list[ErrorMessage]:
-    """Return every message with fixed words, once, in order of the alphabet."""
+    """Return every message with fixed words, once, in alphabetical order."""
     found = {each for path in sorted(_SOURCES.rglob("*.py")) for each in _messages_in(path)}
     readable = [each for each in found if re.search(r"[a-z]{2}", each.message)]
     return sorted(readable, key=lambda each: (each.message.lstrip(f"{_OPEN} :,"), each.hint))

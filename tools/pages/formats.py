@@ -60,9 +60,9 @@ An older command, a repeated `seq` and a message with a number out of its bounds
 
 ## What the page draws from
 
-No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D, `scene3d.js` in
-3D) from the arm, which is sent once, and from the scenes. Lengths are metres, angles rad, poses
-(4, 4) row by row.
+The server sends no polygons: the page computes the drawing (`static/picture.js` in 2D,
+`scene3d.js` in 3D) from the arm, which is sent once, and from the scenes. Lengths are metres,
+angles rad, poses (4, 4) row by row.
 
 `graph`, before the first scene and when the arm was opened again:
 
@@ -70,7 +70,7 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
   (`fixed`, `revolute` or `prismatic`), its `axis`, and `capsules` (`ends`, `radius`) in the link's
   frame.
 - `dials` of the joints: `joint`, `link` that it moves, direction of the `needle`, `slides`, `range`
-  (null where it turns freely), and the distances from a limit at which it is `at` it or `near` it.
+  (null if it turns freely), and the distances from a limit at which it is `at` it or `near` it.
 - `tip`, `boxes` to keep out of (`name`, `low`, `high`), height of the `floor`, `centre` and `size`
   of the drawing, and what the `handles` of the tool can move.
 
@@ -81,31 +81,31 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 - `camera`: `pose`, `scale_px` (pixels for a metre, or the focal length of a `perspective`),
   `near_m`, `size` of the drawing in CSS pixels; `lens` of a calibrated camera (`focal`, `centre`,
   `distortion`, `widest`), else null.
-- `measured`, `goal` (null where it is where the arm is): positions of the joints that are not
+- `measured`, `goal` (null if it is the measured position): positions of the joints that are not
   fixed, in the order of the links.
 - `path` to the goal, null without one: its `number`, `joints` (positions at even times along it);
   `swept`: those of them at which the whole arm is drawn, null while the goal is dragged.
-- `marker` of the target: `target`, `nearest`, `reached`; `refused_pair`: what would touch, null if
-  nothing is refused; `refusal`: why. `limp`: the joints without torque.
+- `marker` of the target: `target`, `nearest`, `reached`; `refused_pair`: the parts that would
+  touch, null if nothing is refused; `refusal`: why. `limp`: the joints without torque.
 - `hover`, `grabbed`, `picked`, `behind`: what is under the pointer, and how it is marked.
 - `region` (rings) that the tip can reach, and its `region_pose`.
 - `trace` of a solver method (`lines`, `target`, `reached`), and `trace_step`, the shown iteration.
 - `handles`: the axes of the tool in 3D; `webgl`: whether it is to be drawn in 3D; `seq`.
 - `picture_trouble`: why the picture of a calibrated camera takes no targets; null in other views.
-- `tip_shows`: the joint whose zero a click on the tip shows in that picture; null where none.
-- `tip_clicks`: how many clicks on the tip its calibration keeps; 0 in other views.
+- `tip_shows`: the joint whose zero a click on the tip determines there; null if there is none.
+- `tip_clicks`: the number of clicks on the tip in its calibration; 0 in other views.
 
 ## Messages of the page
 """
 
 _SERVOS = """## Messages to the page of servos
 
-The server answers with `line` (what replies), `servo` (a table), `note` and `plots`;
+The server answers with `line` (the servos that reply), `servo` (a table), `note` and `plots`;
 `read_servo` and `write_register` as above."""
 
 _LIST = """## Messages to the list of arms
 
-The server answers each change with `arms`: those that are open, and what could be opened."""
+The server answers each change with `arms`: the open arms, and those that could be opened."""
 
 
 def arm_toml_page() -> str:
@@ -123,7 +123,7 @@ def programs_page() -> str:
                 "# Programs and recordings",
                 "This page is made from the models that read the files.",
                 "## Programs",
-                "`ikservo program new FILE` writes a first one. An example:",
+                "`ikservo program new FILE` writes a first program. An example:",
                 _example(program.__doc__, "toml"),
                 model_sections(Program, 3),
                 "### Motions",
@@ -149,7 +149,7 @@ def _motion_section(name: str, kind: type) -> str:
     for field in fields(kind):
         default: object = field.default
         if isinstance(default, (str, bool, int, float, tuple)):
-            words = f"- `{field.name}`, else `{json.dumps(default)}`:"
+            words = f"- `{field.name}` (default `{json.dumps(default)}`):"
             listed = listed.replace(f"- `{field.name}`:", words)
     return f"#### {name}\n\n{text}\n\n{listed}".rstrip()
 

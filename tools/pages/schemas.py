@@ -58,7 +58,7 @@ def _default(field: FieldInfo) -> str:
     value = cast("object", field.get_default(call_default_factory=True))
     if value is None or isinstance(value, BaseModel) or value in ((), {}):
         return "no"
-    return f"no, else {code(_toml(value))}"
+    return f"no; default {code(_toml(value))}"
 
 
 def _toml(value: object) -> str:

@@ -263,9 +263,8 @@ class AgentArm:
         if isinstance(motion, MoveGripper | Wait):
             result = arm.execute(motion)
         else:
-            # The person has seen this plan, so it must not change: torque comes on first, so that a
-            # limp arm is not replanned. An arm that has sunk too far from the plan's start is
-            # refused.
+            # The plan must stay as the person has seen it: torque comes on first, so that a limp
+            # arm is not replanned. A plan is refused if the arm has sunk too far from its start.
             arm.enable()
             result = arm.execute(replace(plan or arm.plan(motion), limp_arm=None))
         return {} if result is None else encode_fields(result)
@@ -352,7 +351,7 @@ def hint_for_agent(error: IkservoError) -> str:
 
 
 def quoted(text: str, most: int = _MAX_NAME) -> str:
-    """Return a text from a file or another program as data: one line, printable, cut short."""
+    """Return an untrusted text as one printable line of limited length."""
     line = " ".join(printable(text).split())
     return line if len(line) <= most else f"{line[:most]}…"
 

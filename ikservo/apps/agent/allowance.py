@@ -34,11 +34,11 @@ class Consent(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """The owner's permissions, which no tool changes.
+    """The owner's permissions, which no tool can change.
 
     Attributes:
         consent: Who allows a motion.
-        within: The region in which the tip stays, and other constraints on the tool.
+        within: The region in which the tip must stay, and other constraints on the tool.
         motions: Number of motions that are allowed without asking.
         minutes: Minutes from the start during which motions are allowed without asking.
     """

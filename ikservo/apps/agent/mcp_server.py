@@ -190,7 +190,7 @@ class ArmTools:
     ) -> T:
         """Run a tool's work when its turn comes, even after a cancellation; report its errors.
 
-        During a ``watched`` call, which moves the arm, a client that stops answering ends it.
+        A ``watched`` call moves the arm, and ends if the client stops answering.
         """
         if self._waiting >= _MAX_WAITING:
             raise ToolError("The server is busy: too many calls wait. Call again later.")
@@ -222,7 +222,7 @@ class ArmTools:
                 self._agent.hold("The agent's call was cancelled, or its connection ended.")
 
     async def _hold_when_client_stalls(self, call: AnyContext) -> None:
-        """Stop a motion if the client does not answer pings; newer protocol versions have none."""
+        """Stop a motion if the client does not answer pings; newer protocols have no pings."""
         session = call.request_context.session
         while session.can_send_request:
             with anyio.move_on_after(_PING_TIMEOUT_S) as scope:

@@ -102,7 +102,7 @@ class PlanStore:
         return offered
 
     def withdraw_questions(self) -> None:
-        """Withdraw all requests for consent: after a motion or a stop, the arm is elsewhere."""
+        """Withdraw all requests for consent after a motion or a stop: the arm is now elsewhere."""
         with self._lock:
             for each in self._plans.values():
                 each.is_asked = False

@@ -229,7 +229,7 @@ def missing_stop_error(
 ) -> CalibrationError:
     """Return the error for a joint that moved past the expected position of its stop."""
     return CalibrationError(
-        f"{end.joint} found no end stop up to {subject.joint_map.format(found.position)}.",
+        f"{end.joint} has no end stop up to {subject.joint_map.format(found.position)}.",
         "Nothing was saved. Check that the arm was in the pose when the pose was recorded. If the "
         f"joint has no end stop: --continuous {end.joint}",
     )

@@ -143,7 +143,7 @@ def print_result(
     print_lines([f"Saved to {path}"])
     if is_simulated(calibration.usb_serial_number):
         print_status(
-            "The simulated arm is gone now; the next one has the zeros and signs of the arm file."
+            "This simulated arm has ended; the next one has the zeros and signs of the arm file."
         )
     else:
         print_status(f"Check it: ikservo where --arm {calibration.arm}")

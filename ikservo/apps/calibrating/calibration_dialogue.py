@@ -302,7 +302,7 @@ def _direction_request(
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (
-        f"{subject.name}: its sign is opposite to that in the arm file. Was it first moved the "
+        f"{subject.name}: its sign contradicts the arm file. Was it first moved the "
         "wrong way? Move it back to where it was."
     )
 

@@ -49,8 +49,7 @@ def blocking_issues(state: CalibrationState) -> Iterator[CalibrationError]:
     current = state.current_joint
     if current and state.is_second_trial:
         yield CalibrationError(
-            f"{current.name}: its sign is opposite to that in the arm file. "
-            "Was it first moved the wrong way?",
+            f"{current.name}: its sign contradicts the arm file. Was it first moved the wrong way?",
             "Move it back, then again in the direction shown, or skip it.",
         )
     elif current:
@@ -112,7 +111,7 @@ def warnings(state: CalibrationState) -> Iterator[str]:
     for subject in state.subjects:
         name = subject.name
         if state.sign(subject) != subject.joint_map.sign:
-            yield f"{name}: its sign is opposite to that in the arm file, measured twice."
+            yield f"{name}: its sign contradicts the arm file, measured twice."
         if name in state.skipped and name in state.reasons:
             yield f"{name}: {state.reasons[name]}"
         elif name in state.skipped:

@@ -26,7 +26,7 @@ NotBelowZero = Annotated[float, Field(ge=0)]
 class CameraCheck(StrictModel):
     """``[check]``: the result of the last check of the camera's place."""
 
-    seen: datetime = Field(description="a date and time with its offset")
+    seen: datetime = Field(description="a date and time with UTC offset")
     off_mm: NotBelowZero = Field(description="millimetres across the ray, at the board")
     moved_mm: NotBelowZero = Field(description="millimetres")
     turned_deg: NotBelowZero = Field(description="degrees")

@@ -120,7 +120,7 @@ class CameraModel:
     def widest(self) -> float:
         """Tangent of the largest angle to the axis at which the lens polynomial is used.
 
-        A polynomial stops increasing at some radius; beyond it the picture is continued linearly.
+        A polynomial stops increasing at some radius; beyond it the projection is linear.
         """
         k1, k2, _, _, k3 = self.lens.distortion.tolist()
         turns = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])

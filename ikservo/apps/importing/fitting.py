@@ -94,7 +94,7 @@ def fit_capsules(
     The part whose capsule is farthest from the mesh is cut by a plane, until all capsules are
     close enough or there are eight. Each capsule contains the convex hull of its part, so cutting
     leaves no gap. Vertices are merged first; the capsules are made thicker by the distance that
-    this moved them.
+    merging moved them.
 
     If a link has other meshes, parts inside their capsules need no capsule, and a capsule that is
     close to any of the meshes counts as close to the link.

@@ -192,7 +192,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
         retracted = {name: draft.joint(name).lower for name in slides}
         draft.poses["retracted"] = {**home, **retracted}
         draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
-                               "of a telescope may overlap as much as in it.")  # fmt: skip
+                               "of a telescope may overlap as much as in this pose.")  # fmt: skip
     draft.decisions.append(
         "The pose home is free of collisions, with the tool in front. You can change it."
     )

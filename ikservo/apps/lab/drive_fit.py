@@ -316,8 +316,8 @@ def fit_backlash(
     of the joint in one direction and behind it in the other. Errors of kt cancel if the joint
     passes the same place both ways. A joint that falls through its balance is pushed one way and
     then the other in each swing, so the full backlash shows only near the balance, at the places
-    with the largest difference. The joint error of R and kt is smaller than each error, because the
-    steady motion of their fit needs currents like those of a swing.
+    with the largest difference. The combined error of R and kt is smaller than the error of either,
+    because the steady motion of their fit needs currents like those of a swing.
 
     Args:
         recording: The recording of the motion; currents have a sign.

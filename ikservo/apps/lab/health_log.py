@@ -54,7 +54,7 @@ class HealthRecord(StrictModel):
     """A line in the health file."""
 
     format: Literal[1] = Field(default=1, description="1")
-    written: datetime = Field(strict=False, description="a date and time with its offset")
+    written: datetime = Field(strict=False, description="a date and time with UTC offset")
     source: Literal["monitor", "identify"] = Field(description="the command")
     joints: tuple[JointHealth, ...] = Field(strict=False, description="a list of objects")
 

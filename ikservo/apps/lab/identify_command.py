@@ -105,10 +105,9 @@ def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
     """
     machine, legs = run.arm, len(run.excitation.legs)
     print_status(
-        f"{machine.model.title} on {format_port(machine.port_name)}: it moves to its pose "
-        f"home, then makes {legs} slow motions of all joints throughout its reach, "
-        f"{run.duration_s:.0f} s. "
-        "Clear its reach. Ctrl-C stops the arm, which then holds."
+        f"{machine.model.title} on {format_port(machine.port_name)}: it moves to its pose home, "
+        f"then makes {legs} slow motions of all joints throughout its reach, "
+        f"{run.duration_s:.0f} s. Clear its reach. Ctrl-C stops the arm, which then holds."
     )
     confirm_motion(machine, yes=options.yes)
     check_directions_once(machine, options)

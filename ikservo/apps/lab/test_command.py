@@ -95,7 +95,7 @@ class ReportOptions:
 
         Raises:
             BadValueError: The file exists.
-            FileWriteError: The file cannot be written; checked before half an hour of motions.
+            FileWriteError: The file cannot be written; this is checked before the arm moves.
         """
         path = self.html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
         if path.exists() and not self.overwrite:

@@ -9,7 +9,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 def touched_poses(tips: Iterable[tuple[str, Vector, Vector]]) -> list[PoseResult]:
-    """Group touches of known points; errors include backlash, bending and the hand.
+    """Group touches of known points; errors include those of backlash, bending and hand.
 
     Args:
         tips: Name, position (3,) and tip (3,) of each touched point; metres, base frame.

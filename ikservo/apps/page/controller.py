@@ -516,7 +516,7 @@ class SessionController:
 
     @property
     def is_camera_calibrated(self) -> bool:
-        """Whether the shown camera was calibrated to the arm."""
+        """Whether the shown camera was calibrated with the arm."""
         return self._camera_view is not None
 
     def _forget_targets(self) -> None:

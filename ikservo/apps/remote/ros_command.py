@@ -100,7 +100,7 @@ def _announce(
         f"{machine.model.title} on {port} is in ROS 2 domain {domain}, via the router at "
         f"{router}; press Ctrl-C to end."
     )
-    print_status(f"says    {' '.join(outputs)}")
-    print_status(f"takes   {' '.join(inputs)}")
-    print_status(f"serves  {' '.join(services)}")
-    print_status(f"action  {' '.join(actions)}")
+    print_status(f"publishes   {' '.join(outputs)}")
+    print_status(f"subscribes  {' '.join(inputs)}")
+    print_status(f"services    {' '.join(services)}")
+    print_status(f"actions     {' '.join(actions)}")

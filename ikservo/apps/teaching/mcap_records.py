@@ -84,7 +84,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
 
 
 class _BoundedReads:
-    """A file that refuses reads longer than the largest record, if a length is wrong."""
+    """A file that refuses reads longer than the largest record, because a length may be wrong."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file

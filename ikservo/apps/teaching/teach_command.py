@@ -150,7 +150,7 @@ def _announce_teaching(machine: OpenArm, name: str, *, now: bool, hold: bool) ->
     as_it_is = "as it is" if now else "off"
     last = "torque comes on: the arm holds it" if hold else f"torque stays {as_it_is}"
     if now:
-        print_status(f'Saves the present pose as "{name}"; {last}.')
+        print_status(f'The present pose is saved as "{name}"; {last}.')
         return
     first = "The arm is lowered and its torque goes off" if stiff else "Torque stays off"
     print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", and {last}.')

@@ -115,7 +115,7 @@ def test_page_refuses_wrong_key_host_and_origin(asking):
     assert page.status("plans/none/maybe", "POST") == 404
 
 
-def test_person_stops_and_lets_move_again_on_the_page(asking):
+def test_consent_page_stops_arm_and_acknowledges_the_stop(asking):
     session, page = asking
     page("stop", "POST")
     assert "A person stopped the arm" in json.loads(page("plans"))["stopped_for"]
@@ -198,7 +198,7 @@ def test_refusal_ends_an_earlier_consent():
         store.take(plan.id)
 
 
-def test_server_that_ends_keeps_the_address_of_a_later_one(open_session):
+def test_ending_server_keeps_stored_address_of_later_server(open_session):
     with open_session() as session, consent_server(session.agent):
         with consent_server(session.agent) as later:
             pass
@@ -207,7 +207,7 @@ def test_server_that_ends_keeps_the_address_of_a_later_one(open_session):
         assert stored_address() == "of another" != later
 
 
-def test_motion_after_the_minutes_of_the_owner_is_refused(open_session):
+def test_motion_after_the_allowed_minutes_is_refused(open_session):
     region = PathConstraint(low_m=(-0.5, -0.4, 0.0), high_m=(0.5, 0.4, 0.5))
     with open_session(consent=Consent.SLOW, within=region, minutes=0.001) as session:
         plan = session.plan(wait={"duration_s": 0.1})
@@ -219,7 +219,7 @@ def test_motion_after_the_minutes_of_the_owner_is_refused(open_session):
         assert later["needs_consent"]
 
 
-def test_motion_takes_back_the_questions_about_other_plans(open_session):
+def test_motion_withdraws_consent_requests_of_other_plans(open_session):
     with open_session(consent=Consent.ASK) as session:
         agent = session.agent
         first, second = (session.plan(move_to={"position_m": NEAR}) for _ in range(2))

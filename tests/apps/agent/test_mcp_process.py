@@ -123,7 +123,7 @@ def start(tmp_path):
 
 
 @pytest.mark.parametrize("way", ["close", "SIGINT", "SIGTERM", "SIGHUP"])
-def test_arm_brakes_when_the_agent_is_gone(start, way):
+def test_arm_brakes_when_the_agent_disconnects(start, way):
     server = start("--allow", "simulator")
     server.begin_motion()
     if way == "close":

@@ -171,7 +171,7 @@ def test_agent_moves_nothing_without_journal_entry(simulated, monkeypatch):
     assert not simulated.has_moved
 
 
-def test_stop_ends_plans_made_before_it_for_good(simulated):
+def test_plan_made_before_stop_is_never_executed(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop")
     simulated.agent.acknowledge("a person")
@@ -200,7 +200,7 @@ def test_journal_names_the_client_and_is_private(simulated):
     assert path.stat().st_mode & 0o077 == 0
 
 
-def test_program_begins_where_it_was_checked(simulated):
+def test_program_is_refused_if_arm_has_left_its_start(simulated):
     text = f'format = 1\narm = "so101"\n[[steps]]\ntip_m = {NEAR}\n'
     checked = simulated.call("program_check", text=text)["plan"]["plan_id"]
     moved = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.5}})
@@ -224,7 +224,7 @@ def test_program_outside_the_region_is_not_offered(open_session):
         assert checked["steps"][0]["error"]
 
 
-def test_errors_are_cut_short(simulated):
+def test_long_errors_to_the_agent_are_truncated(simulated):
     words = simulated.call("program_check", text="a" * 40_000 + " = 1")
     assert len(words) < 1200
     assert len(json.dumps(simulated.call("explain"))) < 1500

@@ -115,7 +115,7 @@ def test_error_names_line_of_mistake_in_script(tmp_path, text, line):
     assert caught.value.where == f"line {line}"
 
 
-def test_script_may_use_former_words_for_joints(tmp_path):
+def test_calibration_script_accepts_former_command_words(tmp_path):
     path = tmp_path / "script"
     path.write_text("again elbow\nfree wrist\ncontinuous wrist\n")
     assert read_script(path) == ["remeasure elbow", "continuous wrist", "continuous wrist"]

@@ -173,7 +173,7 @@ def test_servo_limits_are_written_only_if_asked(mount_arm, run_cli):
     assert arm.register(1, "min_position_limit") > 0
 
 
-def test_a_script_skips_a_joint(mount_arm, run_cli, home, tmp_path):
+def test_calibration_script_skips_a_joint(mount_arm, run_cli, home, tmp_path):
     script = tmp_path / "answers"
     script.write_text("accept\nskip joint1\naccept\naccept\n")
     arm = mount_arm()

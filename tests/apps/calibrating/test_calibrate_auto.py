@@ -152,7 +152,7 @@ def test_damaged_partial_file_does_not_stop_auto_calibration(arm, narrow, run_cl
 def test_joint_without_end_stop_is_not_driven_forever(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(run_cli, narrow)
-    assert (done.code, "joint2 found no end stop up to" in done.err) == (6, True)
+    assert (done.code, "joint2 has no end stop up to" in done.err) == (6, True)
     assert "--continuous joint2" in done.err
     assert saved() is None
 
@@ -283,7 +283,7 @@ def test_stopped_auto_calibration_names_revert_command(arm, narrow, run_cli):
 
 
 @pytest.mark.full
-def test_freely_turning_joints_are_not_searched(monkeypatch, run_cli):
+def test_end_stops_of_joints_without_stops_are_not_searched(monkeypatch, run_cli):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
@@ -344,7 +344,7 @@ SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
-def test_folded_limp_arm_first_makes_room_for_its_joints(run_cli, name):
+def test_folded_limp_arm_is_lifted_before_stops_are_searched(run_cli, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
     done = limp(run_cli, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err

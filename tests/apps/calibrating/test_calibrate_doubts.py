@@ -78,12 +78,9 @@ def test_opposite_sign_is_measured_twice_then_left_unconfirmed(mount_arm, run_cl
     mount_arm(sign=-1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
-    assert (
-        "joint1: its sign is opposite to that in the arm file. Was it first moved the wrong"
-        in done.err
-    )
+    assert "joint1: its sign contradicts the arm file. Was it first moved the wrong" in done.err
     assert "Move joint1 again so that the tool goes to the right" in done.err
-    assert "joint1: its sign is opposite to that in the arm file, measured twice" in done.err
+    assert "joint1: its sign contradicts the arm file, measured twice" in done.err
     assert f"ikservo calibrate {NAME} --wiggle" in done.err
     assert [joint.sign for joint in saved().joints] == [-1, -1]
     assert not directions_confirmed(load_model(NAME), PORT)

@@ -61,7 +61,4 @@ def test_arm_with_reversed_servos_is_calibrated(run_cli, monkeypatch, tmp_path):
     done = run_cli("calibrate planar2 --port sim --yes --json")
     assert done.code == 0, done.err
     assert [joint["sign"] for joint in done.json["joints"]] == [-1, -1]
-    assert (
-        "joint2: its sign is opposite to that in the arm file, measured twice."
-        in done.json["findings"]
-    )
+    assert "joint2: its sign contradicts the arm file, measured twice." in done.json["findings"]

@@ -94,7 +94,7 @@ def test_change_below_three_ticks_is_not_motion(way, step_rad, stands):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("behind_rad", "stop"), [(0.12, True), (0.1199, False)])
-def test_stop_needs_joint_0_12_rad_behind_its_goal(way, behind_rad, stop):
+def test_end_stop_needs_joint_0_12_rad_behind_its_goal(way, behind_rad, stop):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 0.0, 0.0)
@@ -113,7 +113,7 @@ def test_distance_to_goal_is_measured_from_standing_position():
 
 
 @pytest.mark.parametrize(("load", "stop"), [(25.6, True), (25.5, False), (-25.6, True)])
-def test_stop_needs_two_fifths_of_torque_limit_as_load(load, stop):
+def test_end_stop_needs_load_of_two_fifths_of_torque_limit(load, stop):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 1.0, load)

@@ -29,7 +29,7 @@ def test_shifting_ticks_moves_zero_and_travel_equally():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_limits_lie_a_margin_inside_both_ends(sign):
+def test_joint_limits_lie_margin_inside_swept_ends(sign):
     quarter = math.pi / 2
     assert measured(sign).range_inside_margin(0.0) == pytest.approx((-quarter, quarter))
     assert measured(sign).range_inside_margin(0.1) == pytest.approx((-quarter + 0.1, quarter - 0.1))
@@ -101,12 +101,12 @@ def test_skipped_or_continuous_joint_keeps_arm_file_travel(word):
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
 
 
-def test_joint_moved_by_its_servos_is_swept_by_itself():
+def test_joint_moved_by_its_servos_is_marked_by_itself():
     driven = replace(Hand(subject()).rest().accept().move(900).state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_known_travel_of_driven_joint_is_swept_by_itself():
+def test_driven_joint_of_known_travel_is_marked_by_itself():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
     driven = replace(hand.state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"

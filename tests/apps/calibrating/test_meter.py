@@ -32,7 +32,7 @@ def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
         (4074, JointProgress.FREE),
     ],
 )
-def test_joint_is_complete_at_80_percent_and_free_after_turn(ticks, state):
+def test_meter_shows_complete_at_80_percent_and_free_at_turn(ticks, state):
     # 3 rad are 1955.7 ticks; a turn less two degrees is 4073.2
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 
@@ -43,7 +43,7 @@ def test_meter_shows_joint_with_known_range_as_known():
     )
 
 
-def test_joint_marked_continuous_is_free_at_once():
+def test_meter_shows_joint_marked_continuous_as_free():
     hand = Hand(subject()).rest().accept().say("continuous elbow")
     assert shown(hand).state is JointProgress.FREE
 

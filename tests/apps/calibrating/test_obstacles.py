@@ -25,12 +25,12 @@ def messages_of(state):
 
 
 @pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
-def test_full_turn_is_reached_2_degrees_early(ticks, round_):
+def test_sweep_counts_as_full_turn_2_degrees_early(ticks, round_):
     one = subject(lower=-3.1, upper=3.1)
     assert is_full_turn(swept(one, ticks), one) is round_
 
 
-def test_full_turn_of_360_ticks_is_reached_2_ticks_early():
+def test_sweep_of_358_of_360_ticks_counts_as_full_turn():
     one = replace(subject(), ticks_per_turn=360)
     state = Hand(one, start=0).rest().accept().state
     for width, round_ in ((357, False), (358, True)):
@@ -50,7 +50,7 @@ def test_full_turn_is_reported_if_arm_file_allows_below_300_deg(width_deg, repor
     assert any("was moved by a full turn" in each for each in messages) is reported
 
 
-def test_continuous_joint_counts_as_complete_range():
+def test_continuous_joint_counts_as_completely_swept():
     hand = Hand(subject()).rest().accept()
     assert range_complete(hand.state, hand.state.subjects[0]) is False
     hand.say("continuous elbow")

@@ -107,9 +107,7 @@ def test_opposite_sign_is_measured_twice():
     hand = Hand(subject()).rest().accept().move(-400)
     assert hand.state.signs == {}
     assert hand.state.is_second_trial
-    with pytest.raises(
-        CalibrationError, match="elbow: its sign is opposite to that in the arm file"
-    ):
+    with pytest.raises(CalibrationError, match="elbow: its sign contradicts the arm file"):
         hand.accept()
     hand.move(400).move(-400)
     assert hand.state.signs == {"elbow": -1}
@@ -273,7 +271,7 @@ def test_full_turn_joint_is_not_checked_for_mirrored_range():
     assert hand.accept().state.stage is CalibrationStage.REVIEW
 
 
-def test_servos_of_joint_that_count_oppositely_are_refused():
+def test_servos_of_joint_with_opposite_counts_are_refused():
     hand = Hand(subject(shadow_ids=(2,))).rest().accept()
     for _ in range(15):
         hand.ticks[1] += 100
@@ -301,7 +299,7 @@ def test_joint_readouts_show_progress_of_each_joint():
 
 def test_opposite_sign_is_reported_before_saving():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
-    assert "elbow: its sign is opposite to that in the arm file, measured twice" in " ".join(
+    assert "elbow: its sign contradicts the arm file, measured twice" in " ".join(
         warnings(hand.state)
     )
 

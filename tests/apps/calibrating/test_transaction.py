@@ -102,7 +102,7 @@ def start_again(arm, finish):
 @pytest.mark.parametrize("had_file", [False, True], ids=["first time", "again"])
 @pytest.mark.parametrize("finish", [resume, roll_back], ids=["resume", "revert"])
 @pytest.mark.parametrize("name", ["planar2", pytest.param("planar3", marks=pytest.mark.campaign)])
-def test_power_cut_before_every_write_leaves_old_or_new(name, finish, had_file, monkeypatch):
+def test_power_cut_before_any_write_leaves_old_or_new_values(name, finish, had_file, monkeypatch):
     arm, outcome = arm_and_outcome(name)
     before = state_of(arm)[0]
     old_text = dump_calibration(as_delivered(arm, outcome.calibration))
@@ -138,7 +138,7 @@ def check_consistent(arm, finish, before, outcome, old_text):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
-def test_thousand_random_power_cuts_leave_old_or_new(monkeypatch, tmp_path):
+def test_thousand_random_power_cuts_leave_old_or_new_values(monkeypatch, tmp_path):
     chance, names = random.Random(12), ["so101", "koch", "px100", "so100", "planar2", "vx300s"]
     truths = {name: arm_and_outcome(name) for name in names}
     olds = {name: state_of(arm)[0] for name, (arm, _) in truths.items()}

@@ -112,7 +112,7 @@ def test_camera_at_an_address_delivers_its_pictures():
     assert camera.read() == (False, None)
 
 
-def test_camera_that_is_not_there_is_not_opened():
+def test_missing_network_camera_is_not_opened():
     assert not open_capture("rtsp://127.0.0.1:1/live").isOpened()
     assert not open_capture("x" * 5000).isOpened()
 

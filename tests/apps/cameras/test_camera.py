@@ -32,7 +32,7 @@ def test_table_point_and_pixel_convert_both_ways(arm):
         np.testing.assert_allclose(found, point, atol=1e-7)
 
 
-def test_camera_sees_thing_before_table(arm):
+def test_camera_sees_thing_in_front_of_table(arm):
     arm.scene.add("box", "the crate", centre_m=(0.25, 0.1, 0.03), size_m=(0.06, 0.06, 0.06))
     u, v = arm.camera.pixel((0.25, 0.1, 0.06))
     seen = arm.camera.point_seen(u, v)

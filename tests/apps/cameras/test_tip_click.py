@@ -105,7 +105,7 @@ def test_click_that_implies_zero_off_by_10_degrees_is_refused(tmp_path, monkeypa
             click(opened, tip_pixel(arm, camera))
 
 
-def test_click_in_blind_posture_is_refused_with_better_posture(mistaken, opened):
+def test_click_in_insensitive_posture_suggests_a_better_one(mistaken, opened):
     arm, camera = mistaken
     opened.move_joints(
         dict(zip(opened.chain.names, blind_posture(arm, camera, opened), strict=True))

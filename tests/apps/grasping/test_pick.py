@@ -178,7 +178,7 @@ def box_corners(at_m, size_m, yaw_rad):
     return (corners * size_m) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + (*at_m, 0.0)
 
 
-def test_block_is_found_where_it_stands_and_as_it_is_turned(camera):
+def test_block_is_found_with_position_and_yaw(camera):
     pytest.importorskip("cv2")
     from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 
@@ -196,18 +196,18 @@ def test_block_is_found_where_it_stands_and_as_it_is_turned(camera):
         find_block_at(camera, picture, 0.0, 30.0, 30.0)
 
 
-def test_command_says_that_nothing_was_found(run_cli):
+def test_pick_command_reports_that_nothing_was_found(run_cli):
     done = run_cli("pick 0.24 0.05 30mm --arm so101 --port sim:?pose=home")
     assert done.code == 8, done
     assert "found nothing" in done.err
 
 
-def test_command_refuses_what_is_neither_pixel_nor_point(run_cli):
+def test_pick_command_needs_a_pixel_or_a_point(run_cli):
     done = run_cli("pick 1 2 3 4 --arm so101 --port sim")
     assert done.code == 2
     assert "neither a pixel nor a point" in done.err
 
 
-def test_command_with_a_pixel_needs_a_calibrated_camera(run_cli):
+def test_pick_command_with_pixel_needs_calibrated_camera(run_cli):
     done = run_cli("pick 480 360 --arm so101 --port sim")
     assert "no calibrated camera" in done.err

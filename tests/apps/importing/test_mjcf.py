@@ -146,7 +146,7 @@ def test_mjcf_file_outside_folder_is_refused_before_mujoco(path, old, new, monke
         ('<asset><model name="other" file="other.xml"/>', "<model> cannot be used"),
     ],
 )
-def test_mjcf_mesh_tricks_do_not_reach_outside_folder(path, new, found, tmp_path):
+def test_mjcf_mesh_paths_out_of_folder_are_not_followed(path, new, found, tmp_path):
     secret = tmp_path / "secret.stl"
     secret.write_bytes((path.parent / "meshes" / "bar.stl").read_bytes())
     folder = tmp_path / "arm"

@@ -113,7 +113,7 @@ def test_servos_move_one_at_a_time_with_torque_off_at_questions(draft, port, mon
 
 
 @pytest.mark.parametrize("number", [None, signal.SIGTERM, signal.SIGHUP])
-def test_assignment_left_during_motion_switches_torque_off(draft, port, monkeypatch, number):
+def test_servo_assignment_ended_in_motion_switches_torque_off(draft, port, monkeypatch, number):
     worlds = []
     make = servosim.port.make_arm_world
     monkeypatch.setattr(

@@ -199,7 +199,7 @@ def test_where_refuses_damaged_identified_file_with_one_error(home):
         path.write_text(before)
 
 
-def test_tour_shows_which_motion_of_how_many_and_time(monkeypatch):
+def test_identification_shows_motion_count_and_time_left(monkeypatch):
     shown = []
     bar = contextmanager(lambda: iter([lambda *given: shown.append(given)]))
     monkeypatch.setattr("ikservo.apps.lab.identify_command.progress_bar", bar)

@@ -48,7 +48,7 @@ def test_only_undamped_joint_overshoots():
 
 
 @pytest.mark.parametrize("lag_s", [0.01, 0.03])
-def test_lag_of_step_response_is_the_delay(lag_s):
+def test_lag_of_step_response_equals_delay_of_servo(lag_s):
     extra_s = second_order(1.0, 300.0, lag_s).lag_s - second_order(1.0, 300.0).lag_s
     assert extra_s == pytest.approx(lag_s, abs=0.004)
 

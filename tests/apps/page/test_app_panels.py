@@ -73,7 +73,7 @@ def test_button_of_panel_moves_arm(page):
     until(lambda: page.shown() and abs(true_joints(arm)[name] - before - STEP_RAD) < 0.02)
 
 
-def test_refused_motion_of_panel_does_not_need_stop(page, monkeypatch):
+def test_refused_motion_of_panel_does_not_latch_a_stop(page, monkeypatch):
     thread = page.session.arm_thread
     monkeypatch.setattr(f"{__name__}.STEP_RAD", 9.0)
     page.shown()

@@ -137,7 +137,7 @@ def test_unfinished_tls_handshake_is_dropped(house, said):
             assert waiting.recv(1) == b""
 
 
-def test_clients_in_tls_handshake_take_bounded_files(house):
+def test_clients_in_tls_handshake_hold_bounded_open_files(house):
     host, port = house[0].removeprefix("https://").split(":")
     before = open_files()
     clients = [socket.create_connection((host, int(port)), timeout=10) for _ in range(150)]
@@ -168,7 +168,7 @@ def resident_mb():
     return pages * resource.getpagesize() / 2**20
 
 
-def test_client_that_speaks_no_http_leaves_no_line(house):
+def test_client_without_http_writes_no_log_line(house):
     assert not logging.getLogger("uvicorn.error").isEnabledFor(logging.WARNING)
 
 

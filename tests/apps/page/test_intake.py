@@ -92,7 +92,7 @@ def test_late_viewport_size_is_accepted(intake):
     assert intake.accept(text(1, **view_state), 9.0).h == 480
 
 
-def test_late_stop_is_accepted(intake):
+def test_late_stop_message_is_accepted(intake):
     intake.record_sent(0.0)
     intake.record_sent(0.1)
     assert isinstance(intake.accept(text(1, 1), 9.0), Stop)

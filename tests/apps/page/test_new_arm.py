@@ -117,7 +117,7 @@ def test_stop_ends_servo_search_and_does_not_write_arm(panel, tmp_path, monkeypa
     assert not (tmp_path / "mine").exists()
 
 
-def test_page_on_other_machine_cannot_have_files_read(tmp_path):
+def test_page_on_other_machine_cannot_import_server_files(tmp_path):
     panel = NewArmPanel(tmp_path, is_local=False)
     with pytest.raises(BadMessageError, match="another machine"):
         start(panel, source="/etc/passwd")

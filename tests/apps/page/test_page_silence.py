@@ -53,7 +53,7 @@ def pan_deg(session):
     return np.degrees(true_joints(session.arm)["shoulder_pan"])
 
 
-def test_planned_motion_survives_2_s_without_page(session):
+def test_planned_motion_continues_for_2_s_without_page(session):
     go_there(session, 2.0)
     assert session.arm_thread.snapshot.stop_notice is None
     assert pan_deg(session) == pytest.approx(GOAL_DEG, abs=2.0)

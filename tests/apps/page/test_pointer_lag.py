@@ -54,7 +54,7 @@ def largest_acceleration_deg_s2(seen):
 
 
 @pytest.mark.full
-def test_steeper_jerk_reduces_pointer_lag_at_same_speed(monkeypatch):
+def test_higher_jerk_limit_reduces_pointer_lag_at_same_speed(monkeypatch):
     plain, _ = followed(monkeypatch, 1.0)
     steep, seen = followed(monkeypatch, STEEP)
     assert statistics.median(steep) <= 60.0

@@ -246,7 +246,7 @@ def test_program_with_a_missing_called_program_can_be_edited(session, own_folder
     session.send_message(msg.ProgramFile, action="new")
 
 
-def test_single_step_runs_all_of_a_called_program_and_no_other(session, own_folder):
+def test_single_step_runs_a_whole_called_program(session, own_folder):
     save_program(own_folder, {"wait_s": 0.01}, {"wait_s": 0.01})
     (own_folder / "parts.toml").rename(own_folder / "inner.toml")
     save_program(own_folder, {"program": "inner.toml"}, {"wait_s": 0.01, "only_if": "grasped"},

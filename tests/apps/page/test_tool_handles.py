@@ -116,7 +116,7 @@ def test_tool_turn_past_joint_limits_is_reported(session):
         session.latest_frames()
     assert not session.interaction.marker.reached
     reported = session.interaction.messages[-1].message
-    assert reported.startswith("The tool cannot be turned like that here (")
+    assert reported.startswith("The tool cannot have this orientation here (")
 
 
 def test_tool_move_without_press_or_after_stop_does_nothing(session):

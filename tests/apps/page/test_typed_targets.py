@@ -90,7 +90,7 @@ def test_tool_steps_move_tip_along_one_axis(session):
     assert moved_m == pytest.approx([0.0, 0.0, 0.02], abs=0.002)
 
 
-def test_the_tool_points_down_and_its_tip_stays(session):
+def test_point_tool_down_keeps_the_tip_in_place(session):
     before_m = session.arm.chain.forward(session.arm.joint_index.chain_joints(
         session.arm_thread.snapshot.measured))[:3, 3]  # fmt: skip
     session.send_message(page_messages.PointTool, direction=[0.0, 0.0, -2.0])

@@ -95,7 +95,7 @@ def test_camera_is_read_only_while_watched():
         until(lambda: webcam.released == webcam.opened)
 
 
-def test_late_picture_is_lost_only_after_ten_seconds():
+def test_camera_with_late_picture_is_lost_after_ten_seconds():
     webcam, clock = Webcam(), SteppedClock()
     with VideoSource("0", clock, webcam.open) as source:
         loop, looking = asyncio.new_event_loop(), source.stream()

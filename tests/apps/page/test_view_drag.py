@@ -558,7 +558,7 @@ def test_click_reaches_nearest_posture_to_preferred_one():
     np.testing.assert_allclose(free.T @ (weights * (answer.q - wanted)), 0.0, atol=1e-3)
 
 
-def test_joint_with_weight_0_is_not_drawn_to_posture():
+def test_joint_with_weight_0_ignores_preferred_posture():
     solver, wanted = leaning("so101", weights=np.array([0.0, 0.0, 0.0, 0.0, 1.0]))
     answer = clicked(solver, stage("so101").home)
     assert answer.q[4] == pytest.approx(wanted[4], abs=1e-3)
@@ -598,7 +598,7 @@ def test_links_behind_each_other_are_listed_by_depth():
     assert index == 0
 
 
-def test_ghost_at_arm_is_not_listed_apart_from_arm():
+def test_ghost_at_the_arm_is_not_listed_separately():
     px, view_state, names = behind_each_other()
     q, drag = view_state.arms[0], drag_of("so101")
 

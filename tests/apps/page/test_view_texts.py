@@ -53,7 +53,7 @@ def test_points_and_times_are_shown_with_units():
     [({}, "good"), ({"temperature_c": 61.0}, "amber"), ({"load_percent": -85.0}, "amber"),
      ({"temperature_c": 66.0}, "red"), ({"alarms": ("overload",)}, "red")],
 )  # fmt: skip
-def test_health_of_servo_has_a_level(messages, level):
+def test_servo_health_has_a_level(messages, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
     assert health_rows([replace(state, **messages)], HealthLimits())[0]["level"] == level
 
@@ -72,7 +72,7 @@ def test_health_values_are_shown_with_units():
 
 
 @pytest.mark.parametrize(("torque", "past"), [(True, "beyond"), (False, "near")])
-def test_joint_past_its_limit_is_beyond_unless_it_is_limp(torque, past):
+def test_joint_past_limit_is_marked_beyond_unless_limp(torque, past):
     model = load_model("so101")
 
     def nearness(at):

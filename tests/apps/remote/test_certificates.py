@@ -122,7 +122,7 @@ def test_watcher_certificate_may_not_drive(served, certificates):
 
 
 @pytest.mark.parametrize("who", ["watcher", "guest"])
-def test_only_operator_certificate_drives_by_any_key(served, certificates, who):
+def test_without_operator_certificate_no_key_drives_arm(served, certificates, who):
     before = served.packets
     with open_client([served.endpoint], certificates[who]) as session:
         for service in DRIVE:

@@ -96,7 +96,7 @@ def test_stop_of_limp_remote_arm_reports_torque_off(served, run):
 
 
 @pytest.mark.parametrize("words", [(), ("--all",)], ids=["stop", "stop --all"])
-def test_stop_without_arm_stops_fleet(served, run, monkeypatch, words):
+def test_stop_command_without_arm_stops_fleet(served, run, monkeypatch, words):
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
     code, out, err = run("stop", *words, "--json")
     assert code == 0, err
@@ -105,7 +105,7 @@ def test_stop_without_arm_stops_fleet(served, run, monkeypatch, words):
 
 
 @pytest.mark.parametrize("way", ["fleet", "address", "port of the environment"])
-def test_network_stop_loads_only_zenoh_of_heavy_modules(served, monkeypatch, way):
+def test_network_stop_loads_no_heavy_module_except_zenoh(served, monkeypatch, way):
     args = ()
     if way == "fleet":
         monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")

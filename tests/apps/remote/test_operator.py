@@ -203,7 +203,7 @@ def test_local_arm_follows_remote_leader(served):
     assert result.measured_rad["wrist_roll"] == pytest.approx(there, abs=0.1)
 
 
-def test_remote_jog_continues_while_wanted(served):
+def test_remote_jog_continues_while_requested(served):
     with served.open() as arm:
         before = joint_of(served, "wrist_roll")
 

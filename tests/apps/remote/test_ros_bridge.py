@@ -141,7 +141,7 @@ def test_ros_target_pose_is_reached(graph):
 
 
 @pytest.mark.full
-def test_ros_twist_moves_tip_until_it_falls_silent(graph):
+def test_ros_twist_moves_tip_until_messages_cease(graph):
     start_m, twist = true_tip_m(graph.arm), TwistStamped()
     twist.twist.linear.z = 0.05
 

@@ -72,7 +72,7 @@ def test_replayed_positions_have_no_jump():
     assert (steps <= [1.0 * times_s[1] + 1e-9, 2.0 * times_s[1] + 1e-9]).all()
 
 
-def test_recording_with_one_sample_is_a_position_to_stay_at():
+def test_recording_with_one_sample_is_a_fixed_position():
     playback = RecordedTrajectory(np.array([0.0]), np.array([[0.1, 0.2]]), PACES, *FREE)
     assert playback.duration_s == 0.0
     np.testing.assert_array_equal(playback.state(0.0).position, [0.1, 0.2])
@@ -80,7 +80,7 @@ def test_recording_with_one_sample_is_a_position_to_stay_at():
 
 
 @pytest.mark.parametrize("span_s", [5e-324, 1e-9, 0.019])
-def test_recording_shorter_than_20_ms_is_a_position_to_stay_at(span_s):
+def test_recording_shorter_than_20_ms_is_a_fixed_position(span_s):
     playback = RecordedTrajectory(
         np.array([0.0, span_s]), np.array([[0.3, 0.2], [0.1, 0.2]]), PACES, *FREE
     )

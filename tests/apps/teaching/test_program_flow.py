@@ -114,7 +114,7 @@ def test_endless_program_ends_when_no_step_applies(arm, tmp_path):
     assert run_all(run) == []
 
 
-def test_pause_is_left_to_the_caller_and_moves_nothing(arm, tmp_path):
+def test_program_pause_is_left_to_caller_and_moves_nothing(arm, tmp_path):
     run = make_run(arm, tmp_path, WAIT, {"pause": "Put in the next part."}, WAIT)
     assert run.pauses
     assert [step.step.pause for step in run.steps()] == [None, "Put in the next part.", None]
@@ -129,12 +129,12 @@ def test_pause_is_left_to_the_caller_and_moves_nothing(arm, tmp_path):
     ({**WAIT, "only_if": "seen"}, "grasped"),
     ({"pause": "x", "program": "y.toml"}, "program and pause"),
 ])  # fmt: skip
-def test_step_with_words_that_do_not_fit_is_refused(step, words):
+def test_program_step_with_conflicting_keys_is_refused(step, words):
     with pytest.raises(ValueError, match=words):
         ProgramStep(**step)
 
 
-def test_flow_words_survive_writing_and_reading(tmp_path):
+def test_program_flow_keys_survive_writing_and_reading(tmp_path):
     steps = ({"tip_m": NEAR, "grid": GRID, "only_if": "grasped"}, {"program": "inner.toml"},
              {"pause": "Put in the next part."})  # fmt: skip
     written = program(*steps, repeat="until stopped")
@@ -160,7 +160,7 @@ def test_program_with_too_many_places_is_refused_in_the_check(arm, tmp_path, mon
         list(run.check())
 
 
-def test_stop_ends_a_check(arm, tmp_path):
+def test_stop_ends_a_program_check(arm, tmp_path):
     checks = make_run(arm, tmp_path, *[{"tip_m": NEAR}] * 3).check()
     next(checks)
     arm.stop("Stopped by the test.")
@@ -168,7 +168,7 @@ def test_stop_ends_a_check(arm, tmp_path):
         next(checks)
 
 
-def test_shortest_wait_sees_a_stop(arm, tmp_path):
+def test_stop_is_noticed_in_shortest_program_wait(arm, tmp_path):
     run = make_run(arm, tmp_path, {"wait_s": 1e-12}, repeat="until stopped")
     step = next(run.steps())
     arm.stop("Stopped by the test.")

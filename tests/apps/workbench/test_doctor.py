@@ -34,7 +34,7 @@ def well():
     return run_command(f"doctor {SIM}")
 
 
-def test_doctor_of_healthy_arm_shows_only_ticks(well):
+def test_doctor_shows_healthy_arm_with_check_marks_only(well):
     path = well.out.partition("sim:")[2].partition(" ")[0]
     out = re.sub(r"[\d.]+ ms \(p99\)", "… ms (p99)", well.out)
     assert out == WELL.format(path=path)
@@ -127,7 +127,7 @@ def test_doctor_finds_arm_at_another_baud_rate(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_doctor_asks_for_power_supply_on_dead_line(run_cli, monkeypatch):
+def test_doctor_suggests_power_supply_if_no_servo_answers(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.powered = False

@@ -97,7 +97,7 @@ def test_provisioning_refuses_register_model_does_not_have(alone):
     assert servo.memory.eeprom_writes == writes
 
 
-def test_provisioning_notices_worn_out_memory(alone, monkeypatch):
+def test_provisioning_detects_worn_out_eeprom(alone, monkeypatch):
     port, servo, table = alone
     row = servo.table.by_name["id"]
     keep = servo.memory.write

@@ -270,7 +270,7 @@ def test_invalid_servo_plot_is_refused(run_cli, words, said):
     assert said in result.err
 
 
-def test_block_curve_spans_its_values():
+def test_block_character_curve_spans_its_values():
     assert block_curve([0.0, 1.0, 2.0, None, 7.0], 1) == ["▁▂▃ █"]
     assert block_curve([0.0, 15.0], 2) == [" █", "▁█"]
     assert block_curve([3.0, 3.0], 1) == ["▁▁"]

@@ -318,7 +318,7 @@ def test_setup_names_servo_of_another_family(run_cli, monkeypatch, code, rate):
     assert f"must be a STS3215, but a XL330-M288 at id 3, {rate} baud is" in result.err
 
 
-def test_setup_reports_unsteady_replies_of_servo(run_cli, monkeypatch):
+def test_setup_reports_intermittent_replies_of_servo(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(6))
     looks = itertools.count()
 

@@ -128,7 +128,7 @@ def serve(
 
 
 def restarting(once: Callable[[Array, Array], Tried], problem: Problem) -> Solve:
-    """Return a solver that tries again from random joints if a descent does not arrive."""
+    """Return a solver that tries again from random joints if a descent does not converge."""
     rng = np.random.default_rng(0)
 
     def solve(T: Array, q0: Array) -> Array | None:

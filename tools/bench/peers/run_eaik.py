@@ -13,7 +13,7 @@ from protocol import Array, CannotError, Problem, Solve, serve
 
 
 def prepare(problem: Problem) -> Solve:
-    """Give EAIK the axes and their distances, which it reads from a URDF otherwise."""
+    """Give EAIK the axes and their distances, which it otherwise reads from a URDF."""
     robot = _robot(problem)
     unturn = problem.tip_at_zero[:3, :3].T
 

@@ -15,7 +15,7 @@ _AXES = {(1, 0, 0): "X", (0, 1, 0): "Y", (0, 0, 1): "Z"}
 
 
 def prepare(problem: Problem) -> Solve:
-    """Build its chain along the path to the tip; fixed links are inactive."""
+    """Build ikpy's chain along the path to the tip; fixed links are inactive."""
     warnings.simplefilter("ignore")
     joints = problem.path[1::2]
     active = [False] + [name in problem.joints for name in joints]

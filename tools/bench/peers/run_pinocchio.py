@@ -1,4 +1,4 @@
-"""Pinocchio: its kinematics in C++, the damped least squares loop with limits written here."""
+"""Pinocchio: its kinematics in C++; the damped least-squares loop with limits is written here."""
 
 # The package is not installed where types are checked, but in an environment of its own.
 # pyright: basic, reportMissingImports=false

@@ -11,7 +11,7 @@ from roboticstoolbox import ERobot
 
 
 def prepare(problem: Problem) -> Solve:
-    """Mask the orientation for positions; directions need weights in tool axes, which it lacks."""
+    """Mask the orientation for positions; directions need weights in tool axes: not supported."""
     problem.only("position", "pose")
     ets = ERobot.URDF(problem.urdf).ets(end=problem.tip)
     mask = np.array([1, 1, 1, 0, 0, 0] if problem.kind == "position" else [1] * 6, dtype=float)

@@ -40,7 +40,7 @@ def prepare(problem: Problem) -> Solve:
 
 
 def _forward(problem: Problem, q: Array) -> tuple[Array, Array, Array]:
-    """Return the tip's pose (4, 4), and the axes and pivots (dof, 3) where they are now."""
+    """Return the tip's pose (4, 4), and the axes and pivots (dof, 3) at the present joints."""
     T, axes, pivots = np.eye(4), [], []
     for axis, pivot, angle in zip(problem.axes, problem.pivots, q, strict=True):
         axes.append(T[:3, :3] @ axis)

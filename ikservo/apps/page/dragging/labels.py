@@ -48,8 +48,8 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
     limits_text = f" ({', '.join(map(str, marker.binding))})" if marker.binding else ""
     if marker.turn_error_rad and marker.gap_m < _SAME_POINT_M:
         return (
-            f"The tool cannot be turned like that here{limits_text}: "
-            f"it stays {math.degrees(marker.turn_error_rad):.1f}° short of it."
+            f"The tool cannot have this orientation here{limits_text}: "
+            f"the nearest one differs by {math.degrees(marker.turn_error_rad):.1f}°."
         )
     return (
         f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "

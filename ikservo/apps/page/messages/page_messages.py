@@ -35,7 +35,7 @@ class Hello(StrictModel):
 
 
 class Heartbeat(PageMessage):
-    """A periodic message; ``visible`` tells whether the page is in the foreground."""
+    """A periodic message; ``visible`` is true while the page is in the foreground."""
 
     kind: Literal["heartbeat"]
     visible: bool
@@ -319,7 +319,7 @@ class SaveHistory(PageMessage):
 
 
 class FollowArm(PageMessage):
-    """Follow another open arm of the page, which is guided by hand; an empty name ends that."""
+    """Follow another open arm of the page, which is guided by hand; an empty name ends this."""
 
     kind: Literal["follow_arm"]
     leader: Name | None = None

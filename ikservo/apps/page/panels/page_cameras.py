@@ -61,7 +61,7 @@ class PageCameras:
     def open_before(
         self, arm: Arm, exits: ExitStack, source: str | None = None
     ) -> VideoSource | None:
-        """Return the pictures that an arm shows; None if it shows none.
+        """Open the pictures that the page shows for an arm; None if there are none.
 
         Args:
             arm: The arm.

@@ -25,7 +25,7 @@ class LeaderFeed:
 
     Attributes:
         newest: The last sample: its time, and positions by joint, rad or m.
-        is_wanted: Whether the follower is still there; replaced once it has started.
+        is_wanted: Returns whether the follower still needs samples; replaced once it has started.
     """
 
     def __init__(

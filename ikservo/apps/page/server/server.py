@@ -106,7 +106,7 @@ _ReceivedT_contra = TypeVar("_ReceivedT_contra", contravariant=True)
 
 
 class SessionEndedError(IkservoError):
-    """The arm of a client was closed, and its connection with it."""
+    """The arm of a client was closed, which ends the client's connection."""
 
 
 class SessionBackend(Protocol[_ReceivedT_contra]):
@@ -371,7 +371,7 @@ class BoundAddress:
 class _BoundedListener(socket.socket):
     """Listening socket that drops the oldest of too many new clients, also in a TLS handshake.
 
-    Each client takes a file descriptor, and without a collection its 0.25 MB would be freed late.
+    Each client takes a file descriptor, and without garbage collection 0.25 MB are freed late.
     """
 
     _new, _count = tuple[tuple[float, socket.socket], ...](), 0

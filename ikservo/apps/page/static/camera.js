@@ -11,7 +11,7 @@ export class CameraPicture {
     this.askAddress = askAddress;
     this.chooseCamera = chooseCamera;
     this.place = "beside";
-    this.isView = false; // whether the drawing lies over the whole picture, seen by the camera
+    this.isView = false; // whether the arm is drawn over the whole picture, as the camera sees it
     this.camera = null;
     this.pictureTrouble = null; // why the view takes no targets
     this.asked = false; // whether the address of the pictures was requested

@@ -42,7 +42,7 @@ export class Freshness {
     }
     const ageMs = this.lost || this.silent ? silentMs + this.readAgeMs : this.readAgeMs;
     document.body.toggleAttribute("data-old", ageMs >= 1000);
-    setText($("age"), ageMs >= 1000 ? `what is shown is ${formatAge(ageMs / 1000)} old` : "");
+    setText($("age"), ageMs >= 1000 ? `the shown state is ${formatAge(ageMs / 1000)} old` : "");
   }
 }
 

@@ -234,7 +234,7 @@ function createMessage({ message, hint, level, at }) {
 function describeAlone(status) {
   const torque = status?.health.joints.map((joint) => joint.torque) ?? [];
   const arm = !torque.length ? ""
-    : torque.every((each) => each === "on") ? "When last seen, the torque of the arm was on: it goes to its last goal and holds. "
+    : torque.every((each) => each === "on") ? "When last seen, the torque of the arm was on: the arm goes to its last goal and holds. "
       : torque.every((each) => each === "off") ? "When last seen, the arm was limp. " : "When last seen, some of the joints were limp. ";
   return `${arm}To stop it: ikservo stop in a terminal, or switch off its power. Connecting again …`;
 }
