@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from functools import partial
 from threading import RLock, current_thread, main_thread
 
 import numpy as np
@@ -24,7 +25,6 @@ from ikservo.control.stop_requests import (
 from ikservo.control.torque_state import TorqueState
 from ikservo.errors import (
     BadValueError,
-    CollisionError,
     IkservoError,
     PortError,
     RefusedError,
@@ -34,7 +34,7 @@ from ikservo.errors import (
 from ikservo.guard import StopKind, StopReason
 from ikservo.hardware.port_names import is_simulated
 from ikservo.kinematics.arrays import Vector
-from ikservo.motion import JointMove, Trajectory
+from ikservo.motion import Trajectory
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import ArmState
 
@@ -47,11 +47,6 @@ _RELEASED = (
     "Torque is off. Acknowledge the stop first.",
 )
 _STOP_TIMEOUT_S = 1.0
-
-# A limp arm sinks this far past a limit: end stops are 2° outside the calibrated limits.
-_MAX_RETURN_RAD = math.radians(5.0)
-_RETURN_HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo pose home."
-
 _POLL_PERIOD_S = 0.02  # time in which ``state`` in another thread notices a motion
 
 TrajectoryFactory = Callable[[Vector], Trajectory]
@@ -357,26 +352,10 @@ class MotionRunner:
         measured = self._servos.measure_positions()
         if ((measured >= lower) & (measured <= upper)).all():
             return
-        self._plan_return(measured)  # before torque comes on
-        self.run(self._plan_return, None, "slow")
+        from ikservo.planning.return_within_limits import plan_return  # noqa: PLC0415  # rarely
 
-    def _plan_return(self, start: Vector) -> Trajectory:
-        """Plan and check a joint motion back inside the limits."""
-        goal = np.clip(start, *self._context.limits())
-        trajectory = JointMove(start, goal, self._context.planner.motion_limits("slow"))
-        turned_rad = np.abs(goal - start) / self._context.units_per_rad()
-        outside = f"{self._servos.names[int(turned_rad.argmax())]} is outside its limits"
-        if turned_rad.max() > _MAX_RETURN_RAD:
-            far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° of its servo"
-            raise RefusedError(f"{far}; at most 5° are moved back without a request.", _RETURN_HINT)
-        try:
-            if turned_rad.max() > 0.0:
-                self._context.check_streamed_path(trajectory, "slow")
-        except CollisionError as error:
-            raise RefusedError(
-                f"{outside}, and on its path back {error.cause}.", _RETURN_HINT
-            ) from None
-        return trajectory
+        plan_return(self._context, measured)  # before torque comes on
+        self.run(partial(plan_return, self._context), None, "slow")
 
     def start_position(self) -> Vector:
         """Return the start (n,) of a motion, rad or m; a limp arm is measured."""
