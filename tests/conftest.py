@@ -11,7 +11,7 @@ import sys
 import pytest
 from hypothesis import settings
 
-from ikservo.serving.stop_marks import forget_marks
+from ikservo.serving.early_stops import forget_marks
 from tests import tiers
 from tests.sampling import leave_others_to_campaign
 

@@ -47,7 +47,7 @@ class StopListener:
         self._server: ControlServer | None = None
         if not is_simulated(bus.port.name):
             from ikservo.arm.control_server import serve  # noqa: PLC0415  # only for real ports
-            from ikservo.serving.stop_marks import has_mark  # noqa: PLC0415
+            from ikservo.serving.early_stops import has_mark  # noqa: PLC0415
 
             self._server = serve(bus.port.name, self._handle, arm)
             if has_mark(bus.port.name, arm):
@@ -84,7 +84,7 @@ class StopListener:
             self._server.close()
             self._server = None
             if not self._stop_text:  # an arm that is opened next must know of a stop
-                from ikservo.serving.stop_marks import forget_marks  # noqa: PLC0415
+                from ikservo.serving.early_stops import forget_marks  # noqa: PLC0415
 
                 forget_marks()
 

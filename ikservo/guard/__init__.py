@@ -5,15 +5,6 @@ from ikservo.guard.driven_joint import DrivenJoint, TickRow
 from ikservo.guard.following_error import TrackingMonitor, overweight_error
 from ikservo.guard.gate import Gate, PassedGoals, StopKind, StopLatch, StopReason
 from ikservo.guard.goal_lead import MAX_TRAVEL_RAD
-from ikservo.guard.motion_monitors import (
-    CommunicationMonitor,
-    HealthMonitor,
-    ServoTelemetry,
-    alarm_hint,
-    power_lost_error,
-    say_what_fell,
-    torque_lost_error,
-)
 from ikservo.guard.overload_prediction import OverloadMonitor, OverloadRule
 from ikservo.guard.path_sampling import (
     MAX_SAMPLE_STEP_RAD,
@@ -21,6 +12,15 @@ from ikservo.guard.path_sampling import (
     sample_line,
     sample_path,
     thin_path,
+)
+from ikservo.guard.servo_health import (
+    CommunicationMonitor,
+    HealthMonitor,
+    ServoTelemetry,
+    alarm_hint,
+    power_lost_error,
+    say_what_fell,
+    torque_lost_error,
 )
 from ikservo.model.arm_model import HealthLimits, KeepOutBox
 

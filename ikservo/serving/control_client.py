@@ -23,8 +23,8 @@ from typing import Any, cast
 from ikservo.errors import IkservoError, InputError
 from ikservo.files.reading import parse_json
 from ikservo.serving.control_socket import connect, socket_path, socket_paths
+from ikservo.serving.early_stops import leave_mark
 from ikservo.serving.replies import other_version_error, result_in
-from ikservo.serving.stop_marks import leave_mark
 
 BRAKE_TIMEOUT_S = 3.0
 _WHO_TIMEOUT_S = 1.0

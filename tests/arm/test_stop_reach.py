@@ -19,7 +19,7 @@ from ikservo.errors import PortBusyError, RefusedError, StoppedError
 from ikservo.hardware.torque import torque_on
 from ikservo.maintenance.alarm_recovery import recover
 from ikservo.model import load_model
-from ikservo.serving import stop_marks
+from ikservo.serving import early_stops
 from ikservo.serving.control_client import request_stop, request_stop_of, stop_own_programs
 from ikservo.serving.control_socket import socket_path
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
@@ -32,14 +32,14 @@ PLANAR = load_model("planar2")
 @pytest.fixture(autouse=True)
 def _home(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(stop_marks, "_forgotten_s", 0.0)
+    monkeypatch.setattr(early_stops, "_forgotten_s", 0.0)
 
 
 @pytest.fixture
 def arm(monkeypatch):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     write_calibration(arm)
-    monkeypatch.setattr(stop_marks, "_forgotten_s", 0.0)
+    monkeypatch.setattr(early_stops, "_forgotten_s", 0.0)
     return arm
 
 
@@ -176,10 +176,10 @@ def test_stop_mark_before_close_does_not_stop_reopened_arm(arm):
         assert machine.stop_reason is None
 
 
-LEAVE_MARK = "from ikservo.serving.stop_marks import leave_mark; leave_mark()"
+LEAVE_MARK = "from ikservo.serving.early_stops import leave_mark; leave_mark()"
 HAS_MARK = """
 import sys
-from ikservo.serving.stop_marks import has_mark
+from ikservo.serving.early_stops import has_mark
 print("ready", flush=True)
 sys.stdin.readline()
 print(has_mark("/dev/ttyX", "so101"))
@@ -201,19 +201,19 @@ def test_stop_mark_stops_earlier_programs_not_later_ones():
 def test_old_stop_marks_are_removed(monkeypatch):
     with tempfile.TemporaryDirectory() as home:  # so short that marks are not put elsewhere
         monkeypatch.setenv("IKSERVO_HOME", home)
-        stop_marks.leave_mark(arm="so101")
-        monkeypatch.setattr(stop_marks, "_MAX_AGE_S", -1.0)
-        assert not stop_marks.has_mark("/dev/ttyX", "so101")
-        stop_marks.leave_mark()
+        early_stops.leave_mark(arm="so101")
+        monkeypatch.setattr(early_stops, "_MAX_AGE_S", -1.0)
+        assert not early_stops.has_mark("/dev/ttyX", "so101")
+        early_stops.leave_mark()
         assert len(list((Path(home) / "run").glob("*.stop"))) == 1
 
 
 def test_stop_mark_from_before_restart_does_not_count(monkeypatch):
-    stop_marks.leave_mark()
-    real = stop_marks.time.monotonic
-    monkeypatch.setattr(stop_marks.time, "monotonic", lambda: real() - 3600.0)
-    monkeypatch.setattr(stop_marks, "_started_s", lambda: 0.0)
-    assert not stop_marks.has_mark("/dev/ttyX", "so101")
+    early_stops.leave_mark()
+    real = early_stops.time.monotonic
+    monkeypatch.setattr(early_stops.time, "monotonic", lambda: real() - 3600.0)
+    monkeypatch.setattr(early_stops, "_started_s", lambda: 0.0)
+    assert not early_stops.has_mark("/dev/ttyX", "so101")
 
 
 def test_stop_on_full_disk_does_not_leave_unfinished_mark(monkeypatch, tmp_path):
@@ -224,7 +224,7 @@ def test_stop_on_full_disk_does_not_leave_unfinished_mark(monkeypatch, tmp_path)
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_text", fill_up)
-    stop_marks.leave_mark()
+    early_stops.leave_mark()
     folder = socket_path("any port", "any arm").parent
     assert folder.is_dir()
     assert list(folder.glob(f"*.{os.getpid()}.new")) == []

@@ -112,7 +112,7 @@ def test_every_file_option_is_listed_as_read_or_written():
 # the null device, pictures that are drawn into memory, and lines that are appended to a journal.
 WRITERS = {
     "files/writing.py", "serving/control_socket.py", "apps/agent/agent_journal.py",
-    "serving/stop_marks.py", "apps/page/view_command.py",
+    "serving/early_stops.py", "apps/page/view_command.py",
     "cli/entry_point.py", "cli/plots.py",
 }  # fmt: skip
 WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}

@@ -7,7 +7,7 @@ import pytest
 
 from ikservo.errors import ExitCode, RefusedError, ServoAlarmError
 from ikservo.guard import HealthLimits, HealthMonitor, ServoTelemetry
-from ikservo.guard.motion_monitors import torque_lost_error
+from ikservo.guard.servo_health import torque_lost_error
 from ikservo.registers import Alarm
 
 WELL = ServoTelemetry("elbow", 10.0, 35.0, 7.4, 20.0, True, True, frozenset())

@@ -1,4 +1,4 @@
-"""Monitors of a running motion: communication, servo health, lost power and torque."""
+"""Health of servos in a motion: lost replies, heat, supply, load, lost power and torque."""
 
 from __future__ import annotations
 
