@@ -168,7 +168,7 @@ def _tell_and_save(
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
             print_status(
-                "The camera stands in front of the start pose: use it with the same --port."
+                "The board faces the camera in the start pose: check the camera with this --port."
             )
         else:
             undo = f"ikservo calibration undo {before.model.name}"
