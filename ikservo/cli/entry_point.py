@@ -96,7 +96,7 @@ def _arm_from_arguments(args: Sequence[str]) -> str:
         return from_option
     if args[0] not in _ARM_AS_ARGUMENT:
         first = next((word for word in args[1:2] if not word.startswith("-")), "")
-        if args[0] not in _ARM_AS_OPTION or not first:
+        if not first:
             return ""
         from ikservo.cli.checked_command import names_arm  # noqa: PLC0415  # loads typer
 

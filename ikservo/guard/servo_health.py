@@ -260,12 +260,21 @@ def say_what_fell(
         caught: Joints whose servos were reset and have torque again.
         silent: Joints whose servos do not answer.
     """
-    states = {
-        "has fallen and is limp": () if "limp" in error.command_message else limp,
-        "has fallen and holds where it is now": caught,
-        "has fallen and is limp if it has no power": silent,
-    }
-    fell = [f"{', '.join(joints)} {state}" for state, joints in states.items() if joints]
+    is_known = "limp" in error.command_message
+    states = [
+        (() if is_known else limp, "has fallen and is limp", "have fallen and are limp"),
+        (caught, "has fallen and holds where it is now", "have fallen and hold where they are now"),
+        (
+            silent,
+            "has fallen and is limp if it has no power",
+            "have fallen and are limp if they have no power",
+        ),
+    ]
+    fell = [
+        f"{', '.join(joints)} {one if len(joints) == 1 else many}"
+        for joints, one, many in states
+        if joints
+    ]
     if limp or fell:
         error.command_message += f" {'; '.join([*fell, 'the other joints hold'])}."
     return error

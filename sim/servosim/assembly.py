@@ -95,13 +95,15 @@ def make_arm_world(
     tip = body.tip(arm.tip) if arm.tip else None
     rails = None if member is None else _weak_rails(joints, member.drawn("supply"))
     around = Surroundings(arm, cubes, has_board)
+    facing = arm.poses.get("home", arm.poses[pose])
+    home = [facing.get(name, 0.0) for name in names]
     if physics:
         mover = _make_mujoco_body(arm, joints, cubes)
-        return World(joints, mover, rails, tip=tip, surroundings=around)
+        return World(joints, mover, rails, tip=tip, surroundings=around, home=home)
     others = [positions for name, positions in arm.poses.items() if name != "rest"]
     postures = [[positions.get(name, 0.0) for name in names] for positions in others]
     contacts = body.contacts(arm.floor_m, postures)
-    return World(joints, body, rails, contacts, tip, surroundings=around)
+    return World(joints, body, rails, contacts, tip, around, home)
 
 
 def _weak_rails(joints: Iterable[SimulatedJoint], share: float) -> dict[float, PowerSupply]:

@@ -40,8 +40,8 @@ class SimulatedView:
     """A camera, and the mounting of a board on the tip.
 
     Attributes:
-        from_tip_m: The position of the camera relative to the first position of the tip (3,), base
-            frame. A calibration is valid for an arm that starts in the same pose.
+        from_tip_m: The position of the camera relative to the tip in the pose home (3,), base
+            frame. A calibration is valid for every start pose.
         aside_m: The distance of the board from the tip, towards the camera.
         tilt_rad: The first tilt of the board away from the camera.
         focal_px: The focal length of the lens.
@@ -77,8 +77,7 @@ class SimulatedCamera:
     Args:
         world: The arm.
         board: The board; if the arm's surroundings have none, it is not visible.
-        view: The places of camera and board; the board faces the camera in the first pose of the
-            arm.
+        view: The places of camera and board; the board faces the camera in the start pose.
         seed: The seed of the noise.
 
     Attributes:
@@ -95,8 +94,9 @@ class SimulatedCamera:
             raise SimulatorError("these servos have no arm with a tip")
         self._world, self._tip = world, world.tip
         self._view = view = view or SimulatedView()
+        home_m = self._tip.pose(world.home)[:3, 3]
+        self.T_base_camera = look_at(home_m + view.from_tip_m, home_m)
         T_base_tip = self._tip.pose(world.placed)
-        self.T_base_camera = look_at(T_base_tip[:3, 3] + view.from_tip_m, T_base_tip[:3, 3])
         T_base_board = self.T_base_camera.copy()
         c, s = math.cos(view.tilt_rad), math.sin(view.tilt_rad)
         T_base_board[:3, :3] @= np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

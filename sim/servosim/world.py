@@ -98,7 +98,8 @@ class World:
     hand moves the arm the hand keeps it clear of its surroundings.
 
     ``limits`` are those of the body, by joint. ``tip`` is that of the arm; servos without an arm
-    have neither ``tip`` nor ``surroundings`` (None).
+    have neither ``tip`` nor ``surroundings`` (None). ``home`` is the posture in front of which a
+    simulated camera stands; by default the first posture.
 
     Nothing happens between two steps; ``advance_to`` makes as many steps as needed. A world in
     which nothing moves or changes is idle: only temperature and protections are updated.
@@ -112,6 +113,7 @@ class World:
         contacts: Contacts | None = None,
         tip: Tip | None = None,
         surroundings: Surroundings | None = None,
+        home: Sequence[float] | None = None,
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
@@ -144,6 +146,7 @@ class World:
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
         self.placed = [joint.position for joint in self.joints]  # before the arm sank or was moved
+        self.home = list(home or self.placed)
 
     @property
     def time_s(self) -> float:

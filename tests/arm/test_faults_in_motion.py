@@ -312,6 +312,14 @@ def test_power_loss_error_names_fallen_joint_and_arm_holds(either, for_s, fallen
     assert "the other joints hold" in either.stopped_for
 
 
+def test_power_loss_of_two_servos_says_that_both_have_fallen(either):
+    for number in (1, 3):
+        cut_power_of_one(either, number, 0.5, 1e3)
+    both = f"{joint_of(either, 1)}, {joint_of(either, 3)} have fallen and are limp if they have no"
+    with pytest.raises(ServoSilentError, match=both):
+        swing(either)
+
+
 def test_error_names_joint_that_fell_at_rest_and_it_moves_again(either):
     either.pose("home")
     cut_power_of_one(either, 3, 0.0, 0.05)

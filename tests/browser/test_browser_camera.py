@@ -1,5 +1,7 @@
 """A click in the picture of a calibrated camera is a target on the table."""
 
+import itertools
+
 import numpy as np
 import pytest
 from playwright.sync_api import expect
@@ -10,6 +12,7 @@ from ikservo.apps.page.panels import video
 from ikservo.apps.page.picking.projection import Viewport
 from ikservo.calibration.records import TipClick
 from tests.browser.page_operator import Operator, serve_view, until
+from tests.browser.test_browser_layout import boxes, overlap
 
 cv2 = pytest.importorskip("cv2")
 
@@ -82,6 +85,16 @@ def test_page_switches_between_cameras_of_the_arm(operator):
     operator.wait_for("scene.camera.lens && scene.picture_trouble === ''")
     until(lambda: picture.evaluate("picture => picture.naturalWidth") == 960)
     assert operator.errors == []
+
+
+@pytest.mark.parametrize("view", ["camera", "side"])
+def test_camera_switches_on_a_phone_do_not_overlap(operator, view):
+    operator.page.set_viewport_size({"width": 390, "height": 844})
+    operator.page.click(f"#views [value={view}]")
+    operator.until_drawn()
+    switches = ["#camera-names", *(["#camera-places"] if view == "side" else [])]
+    found = boxes(operator, ".mode", "#views", ".readout", "#gripper", "#poses", *switches)
+    assert not any(overlap(*pair) for pair in itertools.combinations(found, 2))
 
 
 def test_click_in_stale_camera_picture_is_ignored(operator, monkeypatch):

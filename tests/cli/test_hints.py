@@ -91,3 +91,9 @@ def test_hint_repeats_arm_and_port_of_a_calibration_command():
         "Finish it: ikservo calibration resume so101 --port /dev/ttyACM0. "
         "Or go back: ikservo calibration revert so101 --port /dev/ttyACM0."
     )
+
+
+def test_hint_repeats_bare_arm_name_of_any_command():
+    words = ["identify", "so101", "--port", "sim"]
+    result = with_connection_options("Switch torque off with: ikservo relax", words)
+    assert result == "Switch torque off with: ikservo relax --arm so101 --port sim"

@@ -35,6 +35,7 @@ from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.files.public_source import public_source
 from ikservo.maintenance.dialogue import Question, Unasked
@@ -104,7 +105,8 @@ def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]
         chosen: Whether the user named the folder, which is then kept if it has a picture.
     """
     try:
-        yield
+        with exiting_on_signals():  # also while no motion runs
+            yield
     except BaseException:
         taken = len(list(folder.glob("*.png")))
         if taken >= MIN_SAMPLES:
@@ -168,7 +170,7 @@ def _tell_and_save(
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
             print_status(
-                "The camera is placed in front of the start pose: use it with the same --port."
+                "The board faces the camera in the start pose: check the camera with this --port."
             )
         else:
             undo = f"ikservo calibration undo {before.model.name}"

@@ -27,6 +27,7 @@ _MIN_SHARPNESS = 0.004
 _MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # for a known lens, and for the initial guess
 _LEAST_NOISE_PX = 0.05
 _STALE_PICTURES = 5  # number of old pictures that a driver may hold in its queue
+_READABLE = "a picture or video that OpenCV can read"
 
 
 SAME_PICTURE = (
@@ -68,6 +69,8 @@ class LiveCamera:
         is_file = "://" not in source and Path(source).is_file()
         self._file = source if is_file else ""
         if not self._capture.isOpened():
+            if self._file:
+                raise InputError(f"{self._file} is not {_READABLE}.")
             raise InputError(
                 f"There is no camera {self._name}.", "Is it plugged in, and not in use?"
             )
@@ -76,7 +79,7 @@ class LiveCamera:
         """Take a picture; discard older ones in the driver's queue.
 
         Raises:
-            PictureError: The camera no longer delivers pictures.
+            PictureError: The file is damaged, or the camera no longer delivers pictures.
         """
         stale = 0 if self._file else _STALE_PICTURES
         all(self._capture.grab() for _ in range(stale))  # each failure may last a time-out
@@ -85,6 +88,8 @@ class LiveCamera:
             self._capture = open_capture(self._file)
             taken, picture = self._capture.read()
         if not taken:
+            if self._file:
+                raise PictureError(f"{self._file} is not {_READABLE}.")
             raise PictureError(
                 f"Camera {self._name} no longer delivers pictures.", "Is it still plugged in?"
             )

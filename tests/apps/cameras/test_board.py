@@ -81,6 +81,15 @@ def test_simulated_camera_shows_board_at_its_pose(camera):
     np.testing.assert_allclose(off[:3, :3], np.eye(3), atol=3e-3)
 
 
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_simulated_camera_has_same_place_for_any_start_pose(name):
+    arm = read_arm_file(CONFIGS / name / "arm.toml")
+    worlds = [make_arm_world(arm, pose) for pose in ("home", "rest")]
+    cameras = [SimulatedCamera(world, BOARD.opencv()) for world in worlds]
+    np.testing.assert_array_equal(cameras[0].T_base_camera, cameras[1].T_base_camera)
+    assert all(len(find_board(BOARD, camera.take()).ids) > 20 for camera in cameras)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [

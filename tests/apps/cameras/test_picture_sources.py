@@ -87,3 +87,14 @@ def test_picture_file_can_be_read_repeatedly(tmp_path, suffix):
     cv2.imwrite(str(path), np.full((48, 64, 3), 128, np.uint8))
     camera = LiveCamera(str(path))
     assert [camera.take().shape for _ in range(3)] == 3 * [(48, 64, 3)]
+
+
+@pytest.mark.parametrize("content", [b"hello", b"\x89PNG\r\n\x1a\nxx"])
+def test_damaged_picture_file_is_not_called_an_unplugged_camera(tmp_path, content):
+    pytest.importorskip("cv2")
+    from ikservo.apps.cameras.pictures import LiveCamera
+
+    path = tmp_path / "board.png"
+    path.write_bytes(content)
+    with pytest.raises((InputError, PictureError), match=r"board.png is not a picture or video"):
+        LiveCamera(str(path)).take()

@@ -1,6 +1,7 @@
 """`--save-pictures` and `--from-pictures`: a calibration is repeated without the arm."""
 
 import re
+import signal
 
 import pytest
 
@@ -122,3 +123,18 @@ def test_stopped_calibration_says_how_to_go_on(tmp_path, capsys, taken, chosen, 
     words = capsys.readouterr().err
     assert (said in words, bool(words)) == (True, taken > 0)
     assert folder.exists() is stays
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)])
+def test_signal_while_picture_is_taken_says_how_to_go_on(tmp_path, capsys, number):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for i in range(6):
+        (folder / f"picture-{i}.png").touch()
+    before = signal.signal(number, signal.SIG_IGN)  # the default would end the tests
+    try:
+        with pytest.raises(SystemExit), _kept_at_failure(folder, "so101", chosen=False):
+            signal.raise_signal(number)
+    finally:
+        signal.signal(number, before)
+    assert "--from-pictures" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages import thing_messages as things
 from ikservo.apps.page.messages.page_messages import BadMessageError
-from ikservo.arm import StopKind, StopReason
+from ikservo.arm import StopKind, StopReason, open_arm
 from ikservo.guard.way_search import WaySearch
 from tests.apps.page.view_session import LOOK_S, LOOKS, ViewSession
 from tests.arm.simulated import line_of, registers, true_joints
@@ -304,6 +304,22 @@ def test_path_of_sagging_arm_is_planned_again_and_executed():
         home = session.arm.model.pose("home")
         for joint, angle in true_joints(session.arm).items():
             assert angle == pytest.approx(home[joint], abs=math.radians(2.0)), joint
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("moved_rad", [0.0045, 0.007])
+def test_limp_gripper_past_its_limit_does_not_end_planned_motion(moved_rad):
+    with ViewSession(open_arm("omx_l", "sim")) as session:
+        session.arm.disable_torque()
+        for _ in range(300):
+            session.arm_thread.step()
+        z_mm = 1000.0 * session.arm.where().tip_m[2] + 60.0
+        session.send_message(page_messages.SetTool, what="z", value=z_mm)
+        session.go_there()
+        place = line_of(session.arm).world.place
+        place("gripper", true_joints(session.arm)["gripper"] + moved_rad)
+        assert len(run_job(session)) > 100
+        assert session.arm_thread.snapshot.stop_notice is None
 
 
 def expect_along(plan, setpoints):

@@ -75,6 +75,8 @@ class PlanRequest:
         ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
         self.near = _NEAR_TICKS * np.array(ticks)  # tolerance of the start of a plan
         self.sag = _SAG_TICKS * np.array(ticks)
+        lower, upper = arm.limits()
+        self._is_outside = (start < lower) | (start > upper)
         scene, here = arm.scene, arm.context.surroundings
         moving = [each.turn.is_of_other(here) for each in scene.arms]
         self._around = (scene.things, scene.held, scene.arms, moving)
@@ -86,15 +88,24 @@ class PlanRequest:
         return bool((np.abs(self.goal - self.start) <= self.near).all())
 
     def has_sagged_since(self, before: PlanRequest) -> bool:
-        """Return whether the only change is that a limp arm sank a little."""
+        """Return whether the only change is that a limp arm sank a little.
+
+        A joint outside its limits may not return even the few ticks to the start of the plan.
+        """
         there = copy(self)
         there.start = before.start
         sunk = np.abs(self.start - before.start)
         return (
             before.is_limp
-            and bool((sunk > self.near).any() and (sunk <= self.sag).all())
+            and bool((sunk <= self.sag).all())
+            and bool(((sunk > self.near) | (before._is_outside & (sunk > 0.0))).any())
             and not there.change_since(before)
         )
+
+    def goal_from(self, start: Vector) -> Vector:
+        """Return the goal (n,) for another start; a joint kept outside its limits stays there."""
+        is_kept = self._is_outside & (np.abs(self.goal - self.start) <= self.near)
+        return np.where(is_kept, start, self.goal)
 
     def change_since(self, before: PlanRequest) -> str:
         """Describe the change since another request; empty if its plan may be carried out."""

@@ -103,6 +103,8 @@ class ExecutePath:
                 arm, before.goal, servos.reference(), before.speed, marker=before.marker
             )
             has_sagged = now.has_sagged_since(before)
+            if has_sagged:
+                now.goal = before.goal_from(now.start)
             path = plan_path(arm, now) if has_sagged else self._path
             try:
                 plan = path.plan_for(now)
