@@ -13,8 +13,10 @@ import ikservo
 from ikservo.errors import BadValueError, CollisionError, StoppedError
 from ikservo.guard import KeepOutBox
 from ikservo.guard.way_search import WaySearch
+from ikservo.kernels.compiled import is_compiled
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model.tool import tool_frame
+from ikservo.planning import preflight_planner
 from ikservo.planning.motions import MoveTo, motion_fields, parse_motion
 from tests.apps.teaching.test_contact_at_start import refusal_of_home
 from tests.arm.simulated import call_before, context_of, line_of, registers
@@ -34,6 +36,13 @@ def left_of(post):
             line_of(arm).world.place(joint, position)
         arm.enable()
         yield arm
+
+
+@pytest.fixture(autouse=True)
+def _search_time_of_interpreted_kernels(monkeypatch):
+    """Let a search with interpreted kernels, which are much slower, take 100 times as long."""
+    if not is_compiled():
+        monkeypatch.setattr(preflight_planner, "perf_counter", lambda: time.perf_counter() / 100.0)
 
 
 @pytest.fixture

@@ -84,12 +84,13 @@ def test_clear_space_keeps_distance_of_arm_that_bends():
     kept = checker.distances(q).min(axis=1) >= 0.005
     np.testing.assert_array_equal(space.contains(q), kept)
     assert (rigid.contains(q) != kept).any()
-    for start, goal in q[:160].reshape(80, 2, -1):
+    pairs = 80 if compiled.is_compiled() else 16
+    for start, goal in q[: 2 * pairs].reshape(pairs, 2, -1):
         near_m = checker.distances(np.linspace(start, goal, 400)).min()
         found = space.is_free(np.array([start, goal]))
         free += found
         assert near_m >= 0.0039 if found else near_m < 0.0052
-    assert 2 <= free <= 70
+    assert 2 <= free <= pairs - 4
 
 
 def test_clear_space_finds_plate_of_1_um_thickness():
