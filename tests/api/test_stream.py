@@ -126,7 +126,7 @@ def test_stream_send_without_rate_returns_at_once(arm):
     clock, begun_s = clock_of(arm), time.monotonic()
     with arm.stream() as stream:
         stream.send({"wrist_roll": 0.1})
-        assert time.monotonic() - begun_s < 1.0
+        assert time.monotonic() - begun_s < 5.0
         at_s, wall_s = clock.now_s(), time.monotonic()
         while time.monotonic() - wall_s < 0.25:
             stream.send({"wrist_roll": 0.1})
