@@ -82,11 +82,6 @@ class Conditioning:
         """Motion of the point in its worst direction [m/rad]; 0 if singular."""
         return float(self.moves_m_rad.min(initial=math.inf))
 
-    @property
-    def slowest_rotation_rad_rad(self) -> float:
-        """Smallest rotation of the link with the point at rest; inf if there is none."""
-        return float(self.turns_rad_rad.min(initial=math.inf))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Singularity:

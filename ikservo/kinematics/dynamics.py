@@ -110,15 +110,6 @@ class Dynamics:
         """
         return self._tree.names
 
-    def with_gravity(self, gravity_m_s2: ArrayLike) -> Dynamics:
-        """Return the same arm under another gravity (3,), base frame.
-
-        Raises:
-            BadValueError: The gravity is not a vector (3,) of finite numbers.
-        """
-        gravity = finite_vector(gravity_m_s2, 3, "The gravity")
-        return replace(self, gravity_m_s2=read_only(gravity))
-
     def with_parameters(self, parameters: ArrayLike) -> Dynamics:
         """Return the same arm with other parameters (10 bodies,), for example identified ones.
 

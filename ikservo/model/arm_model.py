@@ -324,8 +324,3 @@ def at_distance(lower: float, upper: float, unit: str) -> float:
 def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
     """Check whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
     return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)
-
-
-def at_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
-    """Check whether a joint is within 0.3° (0.3 mm) of a limit, or beyond it."""
-    return limit_distance(position, lower, upper) <= at_distance(lower, upper, unit)

@@ -9,6 +9,11 @@ from tests.arm.simulated import line_of
 SPEEDS_RAD_S = (0.1, 0.3, 0.8)
 
 
+def mass_scales(found):
+    """Return the identified scale of each body's mass."""
+    return np.array([found.estimates[f"{body}.mass_scale"].value for body in found.bodies])
+
+
 def gravity_errors(arm, dynamics, found, scale, payload_kg, seed=0, postures=300):
     """Return the rms error of each joint's gravity torque as a fraction of the largest joint's rms.
 
@@ -19,7 +24,7 @@ def gravity_errors(arm, dynamics, found, scale, payload_kg, seed=0, postures=300
     q = np.random.default_rng(seed).uniform(lower, upper, (postures, chain.dof))
     columns = gravity_columns(dynamics, q)
     true = columns @ np.append(np.full(len(found.bodies), scale), payload_kg)
-    error = columns @ np.append(found.mass_scales, found.payload_kg) - true
+    error = columns @ np.append(mass_scales(found), found.payload_kg) - true
     rms, own = np.sqrt((error**2).mean(axis=0)), np.sqrt((true**2).mean(axis=0))
     return np.where(own > 0.01 * own.max(), rms / np.maximum(own, 1e-9), np.nan)
 

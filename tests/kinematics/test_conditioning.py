@@ -67,9 +67,9 @@ def test_stretched_arm_cannot_move_outwards():
     assert conditioning(planar(0.3, 0.2), [0.4, 0.0]).slowest_m_rad < 1e-12
 
 
-def test_arm_without_spare_joint_has_infinite_slowest_rotation():
+def test_arm_without_spare_joint_cannot_turn_about_its_tip():
     found = conditioning(planar(0.3, 0.2), [0.4, 0.6])
-    assert found.slowest_rotation_rad_rad == math.inf
+    assert not found.turns_rad_rad.size
 
 
 def test_conditioning_scales_translations_but_not_rotations():
@@ -113,8 +113,8 @@ def test_nearest_singularity_is_singular_and_inside_limits(name, turning):
         found = nearest_singularity(chain, q, rotation=turning)
         if found is not None:
             there = conditioning(chain, found.q)
-            values = [there.slowest_m_rad, there.slowest_rotation_rad_rad if turning else 1.0]
-            assert min(values) < 1e-5
+            turns = there.turns_rad_rad if turning else np.array([1.0])
+            assert min(there.slowest_m_rad, turns.min(initial=np.inf)) < 1e-5
             assert np.array_equal(found.q, chain.clip(found.q))
 
 

@@ -6,9 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.model.arm_model import at_limit, limit_distance, near_limit
+from ikservo.model.arm_model import at_distance, limit_distance, near_limit
 
 DEG = math.radians(1.0)
+
+
+def at_limit(position, lower, upper, unit="rad"):
+    return limit_distance(position, lower, upper) <= at_distance(lower, upper, unit)
 
 
 @pytest.mark.parametrize(

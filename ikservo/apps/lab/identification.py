@@ -117,11 +117,6 @@ class Identification:
         return np.array([self.estimates[f"{name}.{key}"].value for key in JOINT_PARAMETERS])
 
     @property
-    def mass_scales(self) -> Vector:
-        """The scale (bodies,) of each body's mass."""
-        return np.array([self.estimates[f"{body}.mass_scale"].value for body in self.bodies])
-
-    @property
     def payload_kg(self) -> float:
         """Mass at the tip."""
         return self.estimates["payload_kg"].value

@@ -22,6 +22,7 @@ from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model.identified_drives import with_mass_scales
 from ikservo.model.link_masses import link_masses
 from tests.apps.lab.synthetic_drives import DT_S, SUPPLY_V, Drive, prior_of, record, swing
+from tests.arm.identified_truth import mass_scales
 
 MODEL = ikservo.load_model("open_manipulator_x")
 DYNAMICS = Dynamics.from_masses(MODEL.chain, link_masses(MODEL, MODEL.chain))
@@ -47,7 +48,7 @@ def test_gravity_columns_sum_to_gravity_torques():
 
 
 def test_identification_finds_masses_and_payload(found):
-    assert found.mass_scales[1:] == pytest.approx(SCALES[1:], rel=0.04)
+    assert mass_scales(found)[1:] == pytest.approx(SCALES[1:], rel=0.04)
     assert found.payload_kg == pytest.approx(0.05, abs=0.006)
 
 
@@ -175,7 +176,7 @@ def test_identification_without_current_finds_only_ratios():
     assert not blind.motors
     full = blind.estimates[f"{blind.joints[1]}.full_duty_nm"]
     assert not full.determined
-    ratio = blind.mass_scales[2] / full.value
+    ratio = mass_scales(blind)[2] / full.value
     assert ratio == pytest.approx(SCALES[2] / Drive().full_nm, rel=0.04)
 
 
