@@ -174,7 +174,7 @@ def _traces(name: str, speed: str, options: argparse.Namespace) -> Iterator[Trac
     with tempfile.TemporaryDirectory() as folder:
         known = ikservo.load_model(name).path
         if options.supply_v:
-            known = _supplied(known, Path(folder) / "known", options.supply_v)
+            known = supplied(known, Path(folder) / "known", options.supply_v)
         body = _changed_body(known, Path(folder), options.mass_scale, options.payload_kg)
         for seed in range(options.seed, options.seed + options.specimens):
             port = f"sim:{body}?seed={seed}"
@@ -220,7 +220,7 @@ def _direction(rng: np.random.Generator) -> Array:
     return way / np.linalg.norm(way)
 
 
-def _supplied(known: Path, folder: Path, supply_v: float) -> Path:
+def supplied(known: Path, folder: Path, supply_v: float) -> Path:
     """Return an arm file with another supply, with which an STS3215 has another motor."""
     shutil.copytree(known.parent, folder)
     text = re.sub(r"(?m)^supply_v = [\d.]+", f"supply_v = {supply_v}", known.read_text())
