@@ -145,6 +145,7 @@ class SessionController:
     def frames(self, client_id: int) -> list[Frame]:
         """Return the new frames for a client."""
         self._update_after_session()
+        self._grasp.request(self._circumstances())
         client = self._clients[client_id]
         in_control = self._lease.is_held_by(client.lease)
         picture = self._composer.camera_view(client)
@@ -422,15 +423,13 @@ class SessionController:
 
     def _circumstances(self) -> tuple[object, ...]:
         """Return everything that withdraws the offer of a grasp if it changes."""
-        thread, interaction, view = self._arm_thread, self._interaction, self._camera_view
-        snapshot, scene = thread.snapshot, self._arm.scene
-        torque = [state.torque for state in snapshot.states]
+        snapshot, scene, view = self._arm_thread.snapshot, self._arm.scene, self._camera_view
         stops = self._arm.context.servos.stop_request.count
-        arm = thread.job, thread.command.live, snapshot.stop_notice, snapshot.calibration
+        torque = [state.torque for state in snapshot.states]
         around = scene.things, scene.held, scene.arms, view, view and view.change
         is_silent = self._lease.silence_s() > _MAX_SILENCE_S
-        page = is_silent, interaction.goal is None, interaction.is_choosing, interaction.resets
-        return stops, torque, arm, around, page
+        targets = self._interaction.goal is None, self._interaction.resets
+        return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
 
     def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
         """Return the camera whose picture a client views, while the arm accepts targets."""
@@ -582,7 +581,9 @@ class SessionController:
             refused = self._arm_thread.snapshot.refusal
             is_of_goal = refused is not None and refused.goal is goal
             self._interaction.show_path(None, refused if is_of_goal else None)
-        elif self._arm_thread.job is None:  # a path that is carried out stays visible
+        elif not isinstance(self._arm_thread.job, ExecutePath) and (
+            self._arm_thread.job is None or self._interaction.goal is None
+        ):  # a path that is carried out stays visible
             self._planner.update(self._plan_request(), now_s)
             path = self._planner.path
             is_several = path is not None and path.run is not None
