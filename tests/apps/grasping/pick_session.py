@@ -1,6 +1,7 @@
 """A page's session with the picture of a simulated camera, in virtual time, without a browser."""
 
 import time
+from concurrent.futures import wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -92,7 +93,8 @@ class PickSession(ViewSession):
         until_s = time.monotonic() + SOUGHT_S
         while not true():
             assert time.monotonic() < until_s, f"never: {what}; {self.text} {self.texts}"
-            time.sleep(0.01)
+            busy = self.controller._planner._busy
+            wait([] if busy is None else [busy[2]], timeout=1.0)  # time stands still meanwhile
             self.look()
         return self
 
@@ -106,7 +108,11 @@ class PickSession(ViewSession):
 
     def offered(self, point_m):
         """Click a point (3,), wait for the offer and return its number."""
-        self.click(point_m)
+        return self.offered_at(self.pixel(point_m))
+
+    def offered_at(self, px):
+        """Click a pixel (2,), wait for the offer and return its number."""
+        self.send_message(msg.Grasp, at=tuple(px))
         self.look()
         self.until(lambda: self.offer or self.interaction.refusal, "an offer")
         assert self.offer, self.interaction.refusal
