@@ -437,7 +437,7 @@ class SessionController:
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
             raise BadMessageError(
-                "Only a camera's picture can be clicked for this.", "Choose the camera view."
+                "This needs a click in a camera's picture.", "Choose the camera view."
             )
         return picture, camera
 
