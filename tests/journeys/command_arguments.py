@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from ikservo.cli import app
+from ikservo.cli import command_group
 from ikservo.model import load_model
 
 SERVERS = ("view", "sim", "serve", "ros")  # end by Ctrl-C alone
@@ -91,7 +91,7 @@ def commands():
     """Return the names of all commands except those with tests of their own."""
     return tuple(
         name
-        for name, each in app.all_commands().items()
+        for name, each in command_group.all_commands().items()
         if each.module and name not in _TESTED_APART
     )
 
@@ -135,7 +135,7 @@ def usual_target_m(arm):
 
 
 def _loaded(command):
-    return app.load_command(command, app.all_commands()[command])
+    return command_group.load_command(command, command_group.all_commands()[command])
 
 
 def _values(command, name):

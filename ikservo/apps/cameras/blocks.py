@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from time import perf_counter
 from typing import Any, cast
 
 import numpy as np
@@ -23,6 +24,7 @@ _MIN_VALUE = 40  # of 255; less is black
 _MIN_WIDTH_PX = 12.0  # smallest width of a block in the picture
 _MAX_SIDE_M = 0.15  # the longest side of a block
 _MAX_EVALUATIONS = 100  # largest number of evaluations in a fit
+_SEARCH_S = 5.0  # time after which no other outline is fitted
 _YAWS_RAD = np.radians([0.0, 22.5, 45.0, 67.5])  # initial values of the fits
 _ANGLES_RAD = np.arange(0.0, math.tau, math.tau / 32)
 _DIRECTIONS = np.array([np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)])
@@ -52,8 +54,10 @@ def find_blocks(model: CameraModel, picture: Picture, table_m: float) -> list[Ke
         mask = cv2.medianBlur((nearest == i).astype(np.uint8), 5)
         for outline in cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]:
             outlines.append((cv2.contourArea(outline), colour, outline[:, 0].astype(float)))
+    until_s = perf_counter() + _SEARCH_S
     for area, colour, outline in sorted(outlines, key=lambda each: -each[0])[:_MAX_OUTLINES]:
-        block = _fit_block(model, outline, table_m, f"the {colour} block")
+        in_time = perf_counter() < until_s
+        block = _fit_block(model, outline, table_m, f"the {colour} block") if in_time else None
         if block is not None:
             found.append((area, block))
     return [block for _, block in sorted(found, key=lambda each: -each[0])[:_MAX_BLOCKS]]

@@ -13,6 +13,10 @@ APP = App(
         "pick": "ikservo.apps.grasping.pick_and_place:Pick",
         "place": "ikservo.apps.grasping.pick_and_place:Place",
     },
+    parts={
+        "pick box": "ikservo.apps.grasping.pick_and_place:pick_box",
+        "put down": "ikservo.apps.grasping.pick_and_place:Place",
+    },
     commands={
         "pick": Command(
             "ikservo.apps.grasping.pick_command", "Pick something up, and put it down.", "Move"

@@ -11,13 +11,14 @@ from time import perf_counter
 from typing import Annotated, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.gripper import plan_gripper
 from ikservo.arm.own_motion import OwnMotion
+from ikservo.arm.plan_execution import execute
 from ikservo.arm.run_by_kind import run_motion
 from ikservo.errors import (
     BadValueError,
@@ -34,7 +35,7 @@ from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.scene_file import KeepOutShape
 from ikservo.model.tool import tool_frame
-from ikservo.motion import ConcatenatedTrajectory, JointMove
+from ikservo.motion import ConcatenatedTrajectory, JointMove, Trajectory, TrajectoryPoint
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MotionValue, MoveGripper, MoveLine, MoveTo, Speed
@@ -53,17 +54,20 @@ _UPRIGHT_COSINE = 0.999  # of the tilt of a box that counts as upright
 _CLEARANCE_M = 0.006  # between the thing and each open jaw, if there is room
 _MIN_CLEARANCE_M = 0.001
 _UNKNOWN_WIDTH_M = 0.03  # of a thing that was not picked up by ``Pick``
-_TOP_M = 0.004  # part of a thing above the jaws
+_GRIPPED_M = 0.01  # least height of the part of a thing that is between the jaws
 _APPROACHES_M = (0.08, 0.05)  # lengths of the straight approach, the best first
 _LOWER_M = 0.002  # the arm may end this much lower than planned
-_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle, the best first
+# Heights of the tip above the middle, the best first; a heavy arm may sag towards the table.
+_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015, 0.02, 0.025)
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)  # heights from which a thing is let go
+_OPENED = 0.1  # of the jaws' travel; they have then let go of what was between them
 _THINK_S = 1.0  # for a path around things; another grasp may need none
 _SEARCH_S = 40.0  # for all grasps
 _UP = np.array([0.0, 0.0, 1.0])
 
 Motions = Sequence[MotionValue[Any]]
-Planned = tuple[Motions, MotionPlan]  # and one plan of them
+Steps = Sequence[MotionPlan | MoveGripper]  # one after the other
+Planned = tuple[Steps, MotionPlan]  # and one plan of all steps
 Stance = tuple[ToolOrientation, Vector]  # and the point (3,) of the tip that goes to the thing
 
 
@@ -87,7 +91,15 @@ class Grip:
 
     def __init__(self, _arm: object) -> None:
         self.T_thing_tip: Matrix | None = None
-        self.height_m = 0.0
+        self.height_m = self.jaws_at = 0.0
+
+    def is_held_at(self, context: ArmContext, joints: Vector) -> bool:
+        """Return whether something is held, and the jaws have not opened since (joints: (n,))."""
+        gripper = context.model.gripper
+        if self.T_thing_tip is None or gripper is None:
+            return False
+        at, travel = joints[context.index.column(gripper.joint)], gripper.open - gripper.closed
+        return bool((at - self.jaws_at) / travel < _OPENED)
 
 
 @dataclass(frozen=True)
@@ -107,7 +119,7 @@ class Pick(OwnMotion[GraspResult]):
     yaw_rad: Annotated[float, _parse_yaw] = 0.0
     speed: Speed = "normal"
 
-    def plan(self, context: ArmContext, start: Vector) -> Planned:
+    def plan(self, context: ArmContext, start: Vector, _grip: Grip | None = None) -> Planned:
         """Plan from the joints ``start`` (n,): open, above, down, close, up, press again.
 
         Raises:
@@ -116,7 +128,8 @@ class Pick(OwnMotion[GraspResult]):
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
         most_m, (length_m, width_m, height_m) = planner.jaws.most_m, self.size_m
-        raises_m = [each for each in _RAISES_M if each <= max(height_m / 2.0 - _TOP_M, 0.0)]
+        most_raised_m = max(height_m / 2.0 + planner.jaws.ahead_m - _GRIPPED_M, 0.0)
+        raises_m = [each for each in _RAISES_M if each <= most_raised_m]
         across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
         # Jaws that cannot be turned to a thing turn the thing.
         sides = [*sorted(across), (math.hypot(length_m, width_m), None)]
@@ -145,22 +158,21 @@ class Pick(OwnMotion[GraspResult]):
         """Compute the joints (n,) after the motion from ``start`` (n,); nothing moves."""
         return self.plan(context, start)[1].goal
 
-    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
-        """Plan everything, then pick it up; jaws that find nothing open again, and say so."""
-        grip: Grip = cast("Any", arm).grip
-        slow_first = replace(self, speed=arm.runner.allowed_speed(self.speed))
-        motions, _ = slow_first.plan(arm.context, arm.runner.start_position())
-        grip.T_thing_tip = None
-        if not _run(arm, motions[:1], on_progress).reached:
+    def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
+        """Pick it up by these steps of ``plan``; jaws that find nothing open again, and say so."""
+        grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
+        if not _run(arm, steps[:1], on_progress).reached:
             raise RefusedError("The jaws did not open.", "Remove what is between them.")
-        report = _run(arm, motions[1:4], on_progress)
+        grip.T_thing_tip = None
+        report = _run(arm, steps[1:4], on_progress)
         if not report.grasped:
-            _run(arm, (motions[0], motions[4]), on_progress)
+            _run(arm, (steps[0], steps[4]), on_progress)
         else:  # kept before it is lifted, because a stop may end the motion
             T_base_tip = arm.context.planner.tip_pose(arm.context.servos.measure_positions())
             T = make_pose(np.array(self.middle_m), rotation_rpy(0.0, 0.0, self.yaw_rad))
+            grip.jaws_at = report.position_rad
             grip.T_thing_tip, grip.height_m = np.linalg.inv(T) @ T_base_tip, self.size_m[2]
-            report = _run(arm, motions[4:], on_progress)
+            report = _run(arm, steps[4:], on_progress)
             if report.grasped:
                 return report
             grip.T_thing_tip = None
@@ -189,7 +201,8 @@ class Place(OwnMotion[GraspResult]):
     def plan(self, context: ArmContext, start: Vector, grip: Grip | None = None) -> Planned:
         """Plan from the joints ``start`` (n,): above, press again, down, open, up; as ``Pick``."""
         planner, T = _GraspPlanner(context, start, self.speed), context.planner.tip_pose(start)
-        known = None if grip is None else grip.T_thing_tip
+        is_held = grip is not None and grip.is_held_at(context, start)
+        known = grip.T_thing_tip if grip is not None and is_held else None
         R = (T if known is None else known)[:3, :3]
         roll_rad = planner.tool.roll_rad(R, math.atan2(T[1, 3], T[0, 3]))
         stance = ToolOrientation(planner.tool.pitch_rad(R), roll_rad, within_rad=_UPRIGHT_RAD)
@@ -212,17 +225,15 @@ class Place(OwnMotion[GraspResult]):
         """Compute the joints (n,) after the motion from ``start`` (n,); nothing moves."""
         return self.plan(context, start)[1].goal
 
-    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> GraspResult:
-        """Plan everything, then put it down; a gripper that holds nothing is refused."""
-        grip: Grip = cast("Any", arm).grip
-        slow_first = replace(self, speed=arm.runner.allowed_speed(self.speed))
-        motions, _ = slow_first.plan(arm.context, arm.runner.start_position(), grip)
-        if not _run(arm, motions[:2], on_progress).grasped:
+    def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
+        """Put it down by these steps of ``plan``; a gripper that holds nothing is refused."""
+        grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
+        if not _run(arm, steps[:2], on_progress).grasped:
             grip.T_thing_tip = None
             raise RefusedError("The gripper holds nothing.", "Pick something up first.")
-        report = _run(arm, motions[2:4], on_progress)
+        report = _run(arm, steps[2:4], on_progress)
         grip.T_thing_tip = None
-        _run(arm, motions[4:], on_progress)
+        _run(arm, steps[4:], on_progress)
         return report
 
     def __str__(self) -> str:
@@ -258,16 +269,53 @@ def place(arm: OpenArm, middle_m: ArrayLike, *, speed: str = "normal") -> GraspR
     return arm.execute(Place(middle_m, speed=speed))
 
 
-def _run(arm: ArmParts, motions: Motions, on_progress: OnProgress | None) -> GraspResult:
-    """Make motions, and return the last report of the jaws; these find what is near enough."""
-    found: object = None
-    for motion in motions:
-        if isinstance(motion, MoveGripper):
-            found = run_motion(arm, motion, on_progress)
-        else:
-            with suppress(NotSettledError):
-                run_motion(arm, motion, on_progress)
+def _grip_of(arm: ArmParts) -> Grip:
+    return cast("Any", arm).grip
+
+
+def _plan_now(motion: Pick | Place, arm: ArmParts) -> Steps:
+    """Plan all steps from where the arm holds; the first one may have to be slow."""
+    slow_first = replace(motion, speed=arm.runner.allowed_speed(motion.speed))
+    return slow_first.plan(arm.context, arm.runner.start_position(), _grip_of(arm))[0]
+
+
+def _run(arm: ArmParts, steps: Steps, on_progress: OnProgress | None) -> GraspResult:
+    """Run steps, and return the last report of the jaws; these find what is near enough.
+
+    The jaws stay where they are in the steps of the arm, because the plan only estimates that.
+    """
+    found, outside = None, arm.context.index.outside_chain()
+    for step in steps:
+        if isinstance(step, MoveGripper):
+            found = run_motion(arm, step, on_progress)
+            continue
+        jaws_at = arm.runner.start_position()[outside]
+        start, goal = step.start.copy(), step.goal.copy()
+        start[outside] = goal[outside] = jaws_at
+        path = _JawsHold(step.trajectory, outside, jaws_at)
+        with suppress(NotSettledError):
+            execute(arm, replace(step, start=start, goal=goal, trajectory=path, limp_arm=None),
+                    on_progress)  # fmt: skip
     return cast("GraspResult", found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _JawsHold:
+    """A trajectory in which the joints ``outside`` (n,) the chain hold their positions ``at``."""
+
+    path: Trajectory
+    outside: NDArray[np.bool_]
+    at: Vector
+
+    @property
+    def duration_s(self) -> float:
+        return self.path.duration_s
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        found = self.path.state(time_s)
+        position = found.position.copy()
+        position[self.outside] = self.at
+        return replace(found, position=position)
 
 
 class _GraspPlanner:
@@ -286,7 +334,7 @@ class _GraspPlanner:
         kinds: Sequence[str],
         held: float,
     ) -> Planned:
-        """Return the motions of the first grasp that is possible, best first, and their plan.
+        """Return the steps of the first grasp that is possible, best first, and their plan.
 
         ``kinds`` are the motions: open and close for the jaws, which stay at ``held``; to, down
         and away for the tip.
@@ -298,6 +346,7 @@ class _GraspPlanner:
         until_s = perf_counter() + _SEARCH_S
         for stance, grip_m in stances:
             for raise_m in raises_m:
+                self._context.servos.stop_request.check_request()
                 T = self.tip_at(middle_m + raise_m * _UP, stance, grip_m)
                 if T is None or perf_counter() > until_s:
                     break
@@ -305,7 +354,7 @@ class _GraspPlanner:
                 for below, motions in zip(lower, self._approaches(T, stance, kinds), strict=True):
                     try:
                         self._plan_all(below, held)
-                        return motions, self._plan_all(motions, held)
+                        return self._plan_all(motions, held)
                     except (RefusedError, UnreachableError) as error:
                         reason = error.message
         raise RefusedError(
@@ -357,8 +406,8 @@ class _GraspPlanner:
                 }
                 yield [parts.get(kind) or MoveGripper(kind) for kind in kinds]
 
-    def _plan_all(self, motions: Motions, held: float) -> MotionPlan:
-        """Plan motions one after the other, as one plan; the jaws close to ``held``."""
+    def _plan_all(self, motions: Motions, held: float) -> Planned:
+        """Plan motions one after the other, and as one plan; the jaws close to ``held``."""
         context, start, plans = self._context, self._start, list[MotionPlan]()
         poses = PoseLibrary(context.model, context.serial_number)
         for motion in motions:
@@ -374,6 +423,8 @@ class _GraspPlanner:
             start = plans[-1].goal
         path = reduce(ConcatenatedTrajectory, [each.trajectory for each in plans])
         path_m = sum(each.path_m for each in plans)
-        return replace(
+        pairs = zip(motions, plans, strict=True)
+        steps = [motion if isinstance(motion, MoveGripper) else plan for motion, plan in pairs]
+        return steps, replace(
             plans[-1], start=self._start, trajectory=path, path_m=path_m, duration_s=path.duration_s
         )

@@ -23,6 +23,7 @@ from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
 from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
+from ikservo.apps.page.panels.grasp_offer import HEADING, GraspOffer
 from ikservo.apps.page.panels.live_plots import PlotFeed
 from ikservo.apps.page.panels.page_cameras import ArmCameras
 from ikservo.apps.page.panels.program_panel import ProgramPanel
@@ -45,6 +46,7 @@ from ikservo.errors import IkservoError
 _ORBIT_RAD_PX = 0.008
 _AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
 _HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new target
+_MAX_SILENCE_S = 2.5  # of the page, while it offers a grasp
 _GO_LIVE_TEXT = "The arm does not follow. The last goal was dropped."
 
 Handler = Callable[[Any, Client], None]
@@ -90,7 +92,7 @@ class SessionController:
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._app_panels = AppPanels(arm_thread, clock)
-        self._servos = ServoPanel(arm_thread)
+        self._servos, self._grasp = ServoPanel(arm_thread), GraspOffer(arm_thread)
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
@@ -109,6 +111,8 @@ class SessionController:
             msg.SetTorque: self._set_torque,
             msg.ArmAction: self._start_action,
             msg.MarkTip: self._mark_tip,
+            msg.Grasp: self._choose_grasp,
+            msg.RunPanelMotion: self._run_panel_motion,
             msg.ChooseCamera: self._choose_camera,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
@@ -141,6 +145,7 @@ class SessionController:
     def frames(self, client_id: int) -> list[Frame]:
         """Return the new frames for a client."""
         self._update_after_session()
+        self._grasp.request(self._circumstances())
         client = self._clients[client_id]
         in_control = self._lease.is_held_by(client.lease)
         picture = self._composer.camera_view(client)
@@ -156,7 +161,7 @@ class SessionController:
         frames += self._things.frames(client)
         frames += self._program.frames(client)
         frames += self._following.frames(client)
-        frames += self._app_panels.frames(client)
+        frames += self._app_panels.frames(client, self._grasp.panels())
         frames += self._servos.frames(client)
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
@@ -299,10 +304,6 @@ class SessionController:
                     self._require_ready()
                     self._following.start(leader)
                     self._interaction.reset()
-                case msg.RunPanelMotion():
-                    self._require_ready()
-                    self._app_panels.start(message.heading, message.button)
-                    self._interaction.reset()
                 case _ if isinstance(message, ProgramMessage):
                     self._program.handle(message, self._interaction)
                 case _:
@@ -310,6 +311,7 @@ class SessionController:
         except IkservoError as error:
             raise BadMessageError(error.message, error.command_hint) from error
         self._send_setpoint()
+        self._grasp.request(self._circumstances())  # the message may have withdrawn it
 
     def _set_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
         """Set a pose, an earlier goal, or a position or step of a joint or the tool."""
@@ -392,18 +394,52 @@ class SessionController:
             raise BadMessageError("The path to that target is not shown yet.", "Nothing moves.")
         path.plan_for(request)
         self._arm_thread.request_job(ExecutePath(path))
+        self._grasp.drop()
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
         """Set the zero that a click on the tip determines."""
+        picture, camera = self._require_picture(client)
+        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
+        found = picture.find_tip_zero(camera, px, snapshot)
+        self._arm_thread.request_job(SetTipZero(found))
+
+    def _choose_grasp(self, message: msg.Grasp | msg.RunPanelMotion, client: Client) -> None:
+        """Look for blocks, or choose a block to pick up, or the place for what is held."""
+        picture, camera = self._require_picture(client)
+        self._arm.context.require_zeros()
+        if self._arm_thread.command.live:
+            raise BadMessageError("Nothing is picked up in Live.", "Switch Live off first.")
+        self._grasp.request(self._circumstances())
+        self._interaction.reset()
+        self._grasp.choose(message, picture, camera, self._circumstances())
+
+    def _run_panel_motion(self, message: msg.RunPanelMotion, client: Client) -> None:
+        if message.heading == HEADING:
+            self._choose_grasp(message, client)
+            return
+        self._require_ready()
+        self._app_panels.start(message.heading, message.button)
+        self._interaction.reset()
+
+    def _circumstances(self) -> tuple[object, ...]:
+        """Return everything that withdraws the offer of a grasp if it changes."""
+        snapshot, scene, view = self._arm_thread.snapshot, self._arm.scene, self._camera_view
+        stops = self._arm.context.servos.stop_request.count
+        torque = [state.torque for state in snapshot.states]
+        around = scene.things, scene.held, scene.arms, view, view and view.change
+        is_silent = self._lease.silence_s() > _MAX_SILENCE_S
+        targets = self._interaction.goal is None, self._interaction.resets
+        return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
+
+    def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
+        """Return the camera whose picture a client views, while the arm accepts targets."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
             raise BadMessageError(
-                "The tip can be clicked only in a camera's picture.", "Choose the camera view."
+                "This needs a click in a camera's picture.", "Choose the camera view."
             )
-        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
-        found = picture.find_tip_zero(camera, px, snapshot)
-        self._arm_thread.request_job(SetTipZero(found))
+        return picture, camera
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
         """Show another camera; clients whose view no longer exists see the first view."""
@@ -487,7 +523,7 @@ class SessionController:
             self._arm = self._arm_thread.arm
             self.close()
             self._interaction = Interaction(self._arm, self._clock)
-            self._planner = GoalPlanner(self._arm)
+            self._planner, self._grasp = GoalPlanner(self._arm), GraspOffer(self._arm_thread)
             self._things = self._things_panel()
             self._camera_view = self._find_camera_view()
             self._composer = FrameComposer(
@@ -535,6 +571,7 @@ class SessionController:
         if self._arm_thread.job is not None:
             self._arm_thread.request_stop(StopReason(StopKind.CLIENT, _AWAY_TEXT))
         self._interaction.reset()
+        self._planner.update(None, self._clock.now_s())
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
     def _update_path(self) -> None:
@@ -545,15 +582,21 @@ class SessionController:
             refused = self._arm_thread.snapshot.refusal
             is_of_goal = refused is not None and refused.goal is goal
             self._interaction.show_path(None, refused if is_of_goal else None)
-        elif self._arm_thread.job is None:  # the path of a running motion stays visible
+        elif not isinstance(self._arm_thread.job, ExecutePath) and (
+            self._arm_thread.job is None or self._interaction.goal is None
+        ):  # the path of a running motion stays visible
             self._planner.update(self._plan_request(), now_s)
             path = self._planner.path
-            if path is not None and path.plan is not None and not self._interaction.is_choosing:
+            is_several = path is not None and path.run is not None
+            if path and path.plan and not (is_several or self._interaction.is_choosing):
                 self._interaction.take_posture(path.request.goal)
             self._interaction.show_path(path, None if path is None else path.refusal)
 
     def _plan_request(self) -> PlanRequest | None:
         """Return the path to plan now; None if there is no goal, or the arm is at it."""
+        grasp = self._grasp.request(self._circumstances())
+        if grasp is not None:
+            return grasp
         goal, snapshot = self._interaction.goal, self._arm_thread.snapshot
         is_idle = not (snapshot.stop_notice or snapshot.calibration)
         if goal is None or not is_idle or not self._arm.zeros.are_known:

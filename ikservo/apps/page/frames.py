@@ -368,10 +368,11 @@ class FrameComposer:
         if client.sent.get("scene") == fingerprint and not heartbeat_due:
             return []
         client.sent["scene"], client.sent_s["scene"] = fingerprint, self._clock.now_s()
+        goal = interaction.drawn_goal
         state = SceneState(
             camera,
             self._chain_joints(snapshot.measured),
-            goal=interaction.shown_goal,
+            goal=None if goal is None else self._chain_joints(goal),
             path=interaction.path,
             is_choosing=interaction.is_choosing,
             marker=interaction.marker,
@@ -382,9 +383,7 @@ class FrameComposer:
             picked=interaction.picked_object,
             refused_pair=None if interaction.refusal is None else interaction.refusal.pair,
             other_joints=self._other_positions(snapshot),
-            goal_other_joints=None
-            if interaction.goal is None
-            else self._index.by_name(interaction.goal),
+            goal_other_joints=None if goal is None else self._index.by_name(goal),
         )
         if snapshot.calibration is not None:
             state = show_calibration(state, snapshot.calibration, self._arm_thread.arm.model)

@@ -64,6 +64,7 @@ def test_pick_refuses_thing_that_a_shelf_covers(so101):
 
 def test_place_refuses_to_press_a_known_thing_into_the_table(so101):
     so101.grip.T_thing_tip, so101.grip.height_m = np.eye(4), 0.035
+    so101.grip.jaws_at = so101.where()["gripper"].position_rad
     with pytest.raises(RefusedError, match="12 mm below the table"):
         so101.place((0.2, 0.1, 0.005))
     assert not any(servo.read("torque_enable") for servo in line_of(so101).servos.values())
@@ -115,11 +116,11 @@ def test_pick_that_finds_nothing_says_so_and_opens_again(so101):
 
 def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
     start = so101.where().positions_rad
-    motions, whole = Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(so101.context, start)
-    names = [motion.kind for motion in motions]
+    steps, whole = Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(so101.context, start)
+    names = [getattr(step, "motion", step).kind for step in steps]
     line, jaws = "move_line", "move_gripper"
     assert names == [jaws, "move_to", line, jaws, line, jaws]
-    above, grasp = (np.array(motions[i].position_m) for i in (1, 2))
+    above, grasp = (np.array(steps[i].motion.position_m) for i in (1, 2))
     np.testing.assert_allclose(above - grasp, (0.0, 0.0, 0.08), atol=1e-9)
     np.testing.assert_allclose(whole.start, start)
     np.testing.assert_allclose(whole.trajectory.state(whole.duration_s).position, whole.goal)
@@ -129,8 +130,8 @@ def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
 def test_cube_is_between_the_jaws_in_the_planned_grasp(so101):
     middle_m = np.array([0.24, 0.05, 0.0175])
     start = so101.where().positions_rad
-    motions, _ = Pick(middle_m, size_m=CUBE, yaw_rad=0.3).plan(so101.context, start)
-    planned = so101.plan_to(motions[2].position_m, stance=motions[2].stance)
+    steps, _ = Pick(middle_m, size_m=CUBE, yaw_rad=0.3).plan(so101.context, start)
+    planned = so101.plan_to(steps[2].motion.position_m, stance=steps[2].motion.stance)
     T = so101.context.planner.tip_pose(planned.goal)
     along, aside, _ = (middle_m - T[:3, 3]) @ np.column_stack(
         [T[:3, :3] @ find_jaws(so101.model).axis, np.cross(T[:3, 2], T[:3, 0]), T[:3, 2]]

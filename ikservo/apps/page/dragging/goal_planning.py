@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from copy import copy
@@ -27,6 +27,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motion_plan import sample_states
 from ikservo.planning.motions import MoveJoints, MoveTo
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
+from ikservo.planning.reports import OnProgress
 
 _PERIOD_S = 0.04  # between plans during a drag, so that its picture can be drawn
 _POSTURES = 25  # number of postures along a path for drawing
@@ -34,6 +35,10 @@ _NEAR_TICKS = 3.0
 _SAG_TICKS = 100.0  # largest sag of a limp arm's joint until torque is on
 _STRAIGHT = 1.001  # a path is straight if it is at most this factor longer than a line
 _numbers = itertools.count(1)
+
+
+SeveralMotions = tuple[MotionPlan, Callable[[Arm, OnProgress], object]]
+"""One plan of several motions, to be shown, and the function that executes them."""
 
 
 def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
@@ -54,6 +59,7 @@ class PlanRequest:
         speed: The speed class.
         is_chosen: Whether the goal is final; during a drag only its straight path is checked.
         marker: The target of the tip for which the goal was found, if there is one.
+        plan: Plans several motions instead, in the planner's thread; then the goal is not used.
     """
 
     def __init__(
@@ -65,9 +71,10 @@ class PlanRequest:
         *,
         is_chosen: bool = True,
         marker: TargetMarker | None = None,
+        plan: Callable[[PlanRequest], SeveralMotions | None] | None = None,
     ) -> None:
         servos = arm.context.servos
-        self.goal, self.start, self.speed = goal, start, speed
+        self.goal, self.start, self.speed, self.plan = goal, start, speed, plan
         self.is_chosen, self.marker = is_chosen, marker
         self.is_limp = not servos.torque.is_on
         is_first = servos.torque.first_motion_due or self.is_limp
@@ -132,6 +139,7 @@ class PlannedPath:
         is_straight: Whether the joints go straight to the goal.
         refusal: Why the goal is refused.
         number: A unique number.
+        run: Executes several motions, whose plan this is; None for a single motion.
     """
 
     request: PlanRequest
@@ -140,6 +148,7 @@ class PlannedPath:
     is_straight: bool = True
     refusal: GoalRefusal | None = None
     number: int = field(default_factory=lambda: next(_numbers))
+    run: Callable[[Arm, OnProgress], object] | None = None
 
     def plan_for(self, now: PlanRequest) -> MotionPlan:
         """Return the plan if nothing on which it depends has changed, except a limp arm's sag.
@@ -178,7 +187,12 @@ def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) ->
     stop_request = arm.context.servos.stop_request
     try:
         with stop_request.requested(request.stops, withdrawn=withdrawn):
-            plan = _plan_to_goal(planner, arm, request)
+            if request.plan is None:
+                plan, run = _plan_to_goal(planner, arm, request), None
+            elif (several := request.plan(request)) is not None:
+                plan, run = several
+            else:
+                return PlannedPath(request)
     except StoppedError:
         return PlannedPath(request)
     except IkservoError as error:
@@ -186,12 +200,12 @@ def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) ->
     joints = sample_states(plan.trajectory)[0]
     shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
     postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]
-    if not np.allclose(plan.goal, request.goal):
+    if run is None and not np.allclose(plan.goal, request.goal):
         request = copy(request)
         request.goal = plan.goal
     length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
     is_straight = length < _STRAIGHT * float(np.linalg.norm(plan.goal - plan.start))
-    return PlannedPath(request, plan, postures, is_straight)
+    return PlannedPath(request, plan, postures, is_straight, run=run)
 
 
 def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> MotionPlan:

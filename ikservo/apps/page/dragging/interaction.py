@@ -66,6 +66,7 @@ class Interaction:
         history: Earlier goals.
         messages: Messages about targets, the oldest first.
         revision: Changes whenever the scene has to be drawn again.
+        resets: The number of times that the goal was dropped.
     """
 
     def __init__(self, arm: Arm, clock: Clock) -> None:
@@ -94,7 +95,7 @@ class Interaction:
         self.preference = PosturePreference()
         self.history = GoalHistory()
         self.messages: deque[LogEntry] = deque(maxlen=_MAX_WARNINGS)
-        self.revision = 0
+        self.revision = self.resets = 0
         self._logged: GoalRefusal | None = None
         self._drag_recorded = False  # whether the goal before this drag is in the history
         self._warm_up()
@@ -125,6 +126,12 @@ class Interaction:
         return found.hit.link if found is not None and found.kind == "object" else None
 
     @property
+    def drawn_goal(self) -> Vector | None:
+        """All joints (n,) to draw as the goal: of the target, or the end of several motions."""
+        path = self.path if self.goal is None else None
+        return self.goal if path is None or path.run is None or not path.plan else path.plan.goal
+
+    @property
     def solver(self) -> str:
         """The name of the solver in use: ``auto`` or one of ``SOLVERS``."""
         return self._solver.method
@@ -139,6 +146,7 @@ class Interaction:
         self._end_drag()
         self._command = self.goal = self.marker = self.path = self.solver_trace = None
         self.revision += 1
+        self.resets += 1
 
     def show_path(self, path: PlannedPath | None, refusal: GoalRefusal | None) -> None:
         """Show the path to the goal, or its refusal; log it once the goal is final."""

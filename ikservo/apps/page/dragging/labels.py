@@ -65,7 +65,7 @@ def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
     if plan is None:
         return [("path", "is being planned", "")]
     direct = "straight" if path.is_straight else "out of contact"
-    how = "around" if plan.around else direct
+    how = "around" if plan.around else direct if path.run is None else "with the jaws"
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:
         text += f", {plan.clearance_m * 1000:.0f} mm clear"

@@ -140,7 +140,8 @@ class SceneGraph:
             return {"path": None, "swept": None}
         along = self._positions_along(path)
         swept = None if state.is_choosing else along[_SWEPT]
-        return {"path": {"number": path.number, "joints": along}, "swept": swept}
+        fields = {"number": path.number, "joints": along, "several": path.run is not None}
+        return {"path": fields, "swept": swept}
 
     def _compute_along(self, path: PlannedPath) -> list[list[float]]:
         return [self._positions.at(q, others) for q, others in path.postures]

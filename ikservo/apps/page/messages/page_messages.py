@@ -178,6 +178,16 @@ class MarkTip(PageMessage):
     y: Pixels
 
 
+class Grasp(PageMessage):
+    """Offer to pick up the block at a pixel of the drawing, or to put down there what is held.
+
+    Without a pixel, the blocks in the camera's picture are listed.
+    """
+
+    kind: Literal["grasp"]
+    at: tuple[Pixels, Pixels] | None = Field(default=None, strict=False)
+
+
 class ChooseCamera(PageMessage):
     """Show the pictures of another camera of the arm."""
 
@@ -377,6 +387,7 @@ Message = (
     | ArmAction
     | Gamepad
     | MarkTip
+    | Grasp
     | Stop
     | Acknowledge
     | SetLive

@@ -9,13 +9,12 @@ from typing import Any, cast
 from ikservo.app import Panel
 from ikservo.app_discovery import all_apps, load_place
 from ikservo.apps.page.messages.page_messages import BadMessageError
-from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.apps.page.running.arm_job import JobObserver, refusals_logged
 from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.server.page_connection import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.clock import Clock
-from ikservo.errors import InputError, RefusedError, UnreachableError
 from ikservo.model import Model
 from ikservo.planning.motions import MotionValue
 
@@ -43,12 +42,8 @@ class RunMotion:
         Raises:
             IkservoError: The motion failed; the arm holds until that is acknowledged.
         """
-        try:
+        with refusals_logged(arm, observer):
             arm.execute(self._motion, observer.on_progress)
-        except (InputError, RefusedError, UnreachableError) as error:
-            if arm.stop_reason is not None:
-                raise
-            observer.log_message(f"{error.message} {error.hint}")
 
 
 class AppPanels:
@@ -65,8 +60,8 @@ class AppPanels:
         self._panels: dict[str, Panel] = {}
         self._updated_s = -math.inf
 
-    def frames(self, client: Client) -> list[Frame]:
-        """Return the panels, if they have changed since they were sent to a client."""
+    def frames(self, client: Client, own: Mapping[str, Panel]) -> list[Frame]:
+        """Return these panels of the page and those of all apps, if a client has older ones."""
         now_s = self._clock.now_s()
         if self._places and now_s - self._updated_s >= _PERIOD_S:
             self._updated_s = now_s
@@ -84,7 +79,7 @@ class AppPanels:
             self._panels = panels
         shown = [
             {"heading": name, "rows": list(panel.rows), "buttons": list(panel.motions)}
-            for name, panel in self._panels.items()
+            for name, panel in {**own, **self._panels}.items()
         ]
         if client.sent.get("app_panels", []) == shown:
             return []

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
+from typing import cast
+
+import numpy as np
 
 from ikservo.apps.cameras.arm_camera import (
     camera_key,
@@ -13,6 +18,7 @@ from ikservo.apps.cameras.arm_camera import (
     moved_error,
     table_m,
 )
+from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
 from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
@@ -28,6 +34,7 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.scene_file import KeepOutShape
 
 _CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
 # Time at rest, longer than the delay of a picture; encoder noise at rest is two ticks.
@@ -93,9 +100,26 @@ class CameraView:
         """Return the surface for targets of clicks, at a height above the table."""
         return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
 
+    def block_finder(
+        self, camera: LensCamera, px: tuple[float, float] | None
+    ) -> Callable[[], list[KeepOutShape]]:
+        """Return a search for the block at a pixel (2,) of the drawing, or for all blocks.
+
+        Raises:
+            BadMessageError: The picture is not usable.
+            BadValueError: The pixel is not in the picture.
+        """
+        self.require_usable()
+        seen = self._model, cast("Picture", self._video.newest), self.plane_m(0.0)
+        if px is None:
+            return partial(find_blocks, *seen)
+        u, v = camera.picture_px(np.array(px))
+        self._model.ray(u, v)
+        return lambda: [find_block_at(*seen, u, v)]
+
     @property
-    def trouble(self) -> str:
-        """Return the reason why clicks in the picture are not targets, or an empty text."""
+    def change(self) -> str:
+        """Why the picture does not show this arm as calibrated; empty if it does."""
         if self._moved is not None:
             return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
         if self._mirrored:
@@ -106,11 +130,14 @@ class CameraView:
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"
             return f"The pictures are {seen}, not {width} x {height} as calibrated."
-        return (
-            ""
-            if self._video.is_fresh
-            else "The camera picture is too old. Is the camera connected?"
-        )
+        return ""
+
+    @property
+    def trouble(self) -> str:
+        """Return the reason why clicks in the picture are not targets, or an empty text."""
+        is_old = not self._video.is_fresh
+        old = "The camera picture is too old. Is the camera connected?" if is_old else ""
+        return self.change or old
 
     def require_usable(self) -> None:
         """Refuse targets from a picture that is old, or of a camera that has moved.

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Protocol
 
 from ikservo.apps.cameras.tip_click import TipZero, save_tip_zero
 from ikservo.apps.page.dragging.goal_planning import PlannedPath, PlanRequest, plan_path
 from ikservo.arm import Arm, MotionProgress
-from ikservo.errors import RefusedError
+from ikservo.errors import InputError, RefusedError, UnreachableError
 from ikservo.kinematics.arrays import Vector
 
 
@@ -77,6 +78,17 @@ class ArmJob(Protocol):
         ...
 
 
+@contextmanager
+def refusals_logged(arm: Arm, observer: JobObserver) -> Generator[None]:
+    """Log a refusal of what the block does, unless it has stopped the arm."""
+    try:
+        yield
+    except (InputError, RefusedError, UnreachableError) as error:
+        if arm.stop_reason is not None:
+            raise
+        observer.log_message(f"{error.message} {error.command_hint}")
+
+
 class ExecutePath:
     """Executes the planned path that the page shows."""
 
@@ -90,11 +102,8 @@ class ExecutePath:
         """Execute the plan; an obsolete plan moves nothing and does not stop the arm."""
         before, servos = self._path.request, arm.context.servos
         with ExitStack() as turns:
-            try:
-                turns.enter_context(arm.runner.undisturbed())
-            except RefusedError as error:  # another arm is moving
-                observer.log_message(f"{error.message} {error.command_hint}")
-                return
+            turns.enter_context(refusals_logged(arm, observer))
+            turns.enter_context(arm.runner.undisturbed())
             if servos.torque.is_on:
                 servos.refresh_reference()
             else:
@@ -102,16 +111,15 @@ class ExecutePath:
             now = PlanRequest(
                 arm, before.goal, servos.reference(), before.speed, marker=before.marker
             )
-            has_sagged = now.has_sagged_since(before)
+            run = self._path.run
+            has_sagged = run is None and now.has_sagged_since(before)
             if has_sagged:
                 now.goal = before.goal_from(now.start)
-            path = plan_path(arm, now) if has_sagged else self._path
-            try:
-                plan = path.plan_for(now)
-            except RefusedError as error:
-                observer.log_message(f"{error.message} {error.command_hint}")
-                return
-            arm.execute(replace(plan, limp_arm=None), observer.on_progress)
+            plan = (plan_path(arm, now) if has_sagged else self._path).plan_for(now)
+            if run is None:
+                arm.execute(replace(plan, limp_arm=None), observer.on_progress)
+            else:
+                run(arm, observer.on_progress)
 
 
 class RelaxArm:

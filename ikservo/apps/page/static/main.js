@@ -130,15 +130,22 @@ const heightField = new NumberField({
 });
 $("height-field").append(heightField.element, " mm");
 heightField.show(height / MM, false);
-$("mark-tip").onclick = () => takeClick(pointerInput.take ? null : (at) => { takeClick(null); send("mark_tip", at); });
+$("mark-tip").onclick = () => takeClick(isOn($("mark-tip")) ? null : (at) => { takeClick(null); send("mark_tip", at); }, "mark-tip");
+$("grasp").onclick = () => {
+  if (isOn($("grasp"))) return takeClick(null);
+  takeClick(({ x, y }) => send("grasp", { at: [x, y] }), "grasp");
+  send("grasp", {}); // list the blocks
+};
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
 
-// Pass the next press to take(at); null makes presses gestures again.
-function takeClick(take) {
+const isOn = (button) => button.getAttribute("aria-checked") === "true";
+
+// Pass presses to take(at) for a button; null makes presses gestures again.
+function takeClick(take, id) {
   pointerInput.take = take;
-  setAttribute($("mark-tip"), "aria-checked", Boolean(take));
+  for (const each of ["mark-tip", "grasp"]) setAttribute($(each), "aria-checked", each === id);
 }
 
 function showStatus(status) {
@@ -150,6 +157,9 @@ function showStatus(status) {
   actions.show(status);
   leader.show(status);
   appPanels.setReady(isIdle(status));
+  $("grasp").disabled = !isIdle(status);
+  $("grasp").hidden = view !== "camera" || !armInfo.gripper;
+  if ($("grasp").hidden && isOn($("grasp"))) takeClick(null);
   stopButton.show(status);
   calibration.show(status.calibration);
   showAllAround(Boolean(status.calibration));
@@ -244,7 +254,7 @@ function show(scene) {
   drawing.show(backdrop, items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
-  if (!scene.tip_shows) takeClick(null);
+  if (!scene.tip_shows && isOn($("mark-tip"))) takeClick(null);
   $("mark-tip").hidden = !scene.tip_shows;
   setText($("mark-tip"), scene.tip_clicks ? `Click the tip (${scene.tip_clicks} so far)` : "Click the tip");
   canvas.toggleAttribute("data-picked", Boolean(scene.picked || pointerInput.take));
@@ -252,6 +262,7 @@ function show(scene) {
   showMission(scene, goalAt);
   arms.camera.showPictureTrouble(scene.picture_trouble);
   enlargePose(scene, goalAt);
+  setText($("execute"), scene.path?.several ? "Go" : "Go there");
   actions.follow(scene.path, scene.goal && !scene.grabbed ? goalAt : null);
   Object.assign(window.ikservo, { scene, items });
   window.ikservo.drawn += 1;

@@ -1,0 +1,49 @@
+"""Cubes are picked and placed by a page's messages, by arms with hidden mistakes."""
+
+import numpy as np
+import pytest
+
+from ikservo.errors import IkservoError
+from tests.apps.grasping.hidden_mistakes import hidden_arm_with_cube
+from tests.apps.grasping.pick_session import pick_session
+from tests.apps.grasping.test_pick_campaign import CLICK_PX, CUBE_M, LIFTED_M, NEAR_M, drawn_place
+from tests.arm.seeds import log, part_of
+
+pytest.importorskip("cv2")
+pytest.importorskip("mujoco")
+
+
+def pick_and_place_by_page(name, seed, folder):
+    """Return how far the cube was lifted, and its distance from the second click, m."""
+    chance = np.random.default_rng(2000 + seed)
+    cube, goal = drawn_place(name, chance), drawn_place(name, chance)
+    hidden = hidden_arm_with_cube(name, seed, cube, folder)
+    with hidden as (arm, world, camera), pick_session(arm) as session:
+        pixels = [camera.pixel(np.append(cube, CUBE_M / 2)), camera.pixel(np.append(goal, 0.0))]
+        clicks = np.array(pixels) + 0.5 + chance.normal(0.0, CLICK_PX, (2, 2))
+        session.go(session.offered_at(clicks[0]))
+        height_m = world.cube_poses()[0][2, 3]
+        assert session.holds, session.texts
+        session.go(session.offered_at(clicks[1]))
+        (T,) = world.cube_poses()
+        return height_m - CUBE_M / 2, float(np.linalg.norm(T[:2, 3] - goal))
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(0)
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_cube_is_picked_and_placed_by_page_18_of_20(tmp_path, monkeypatch, capsys, name):
+    lifted, placed, tries = 0, 0, part_of(20)
+    for seed in tries:
+        folder = tmp_path / str(seed)
+        monkeypatch.setenv("IKSERVO_HOME", str(folder / "home"))
+        try:
+            height_m, off_m = pick_and_place_by_page(name, seed, folder)
+        except (IkservoError, AssertionError) as error:
+            log(capsys, f"{name} {seed}: {error}")
+            continue
+        log(capsys, f"{name} {seed}: lifted {1e3 * height_m:.0f} mm, {1e3 * off_m:.0f} mm off")
+        lifted += height_m > LIFTED_M
+        placed += height_m > LIFTED_M and off_m < NEAR_M
+    log(capsys, f"{name}: lifted {lifted}, placed {placed} of {len(tries)}")
+    assert placed >= 0.9 * len(tries)
