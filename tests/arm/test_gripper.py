@@ -6,7 +6,7 @@ import math
 import pytest
 
 import ikservo
-from ikservo.errors import BadValueError, IkservoError, UnknownNameError
+from ikservo.errors import BadValueError, IkservoError, InputError, UnknownNameError
 from servosim.joint import Hand, hold
 from tests.arm.simulated import line_of, registers, servo_id
 from tests.oracle import arm_file
@@ -206,7 +206,7 @@ def test_gripper_force_outside_0_to_1_is_refused(so101, force):
 
 @pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
 def test_gripper_needs_exactly_one_of_word_and_width(so101, to, width_m):
-    with pytest.raises(BadValueError, match="open, close or a width"):
+    with pytest.raises(InputError, match="open, close or a width"):
         so101.gripper(to, width_m=width_m)
 
 

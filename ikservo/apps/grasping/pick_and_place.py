@@ -259,7 +259,7 @@ def place(arm: OpenArm, middle_m: ArrayLike, *, speed: str = "normal") -> GraspR
 
 
 def _run(arm: ArmParts, motions: Motions, on_progress: OnProgress | None) -> GraspResult:
-    """Make motions, and return the last report of the jaws; these find what is near enough."""
+    """Make motions near enough to their goals; return the report of the last jaw motion."""
     found: object = None
     for motion in motions:
         if isinstance(motion, MoveGripper):

@@ -14,7 +14,7 @@ from ikservo.apps.remote.connection import Connection
 from ikservo.apps.remote.services import MOTIONS, STREAMED, WATCH
 from ikservo.apps.remote.wire_messages import ServiceRequest, Setpoint, encode, result_of
 from ikservo.apps.remote.zenoh_session import Certificate, ask, open_client, open_server
-from ikservo.errors import BadValueError, InputError, PortError, RefusedError
+from ikservo.errors import InputError, PortError, RefusedError
 from ikservo.files.writing import write_all_atomic
 from tests.apps.remote.conftest import find_free_port
 from tests.arm.simulated import transport_of
@@ -221,7 +221,7 @@ def test_certificates_are_made_once_with_private_keys(tmp_path):
     for folder in folders:
         assert all(file.stat().st_mode & 0o077 == 0 for file in folder.glob("*.key"))
         assert not (folder / "authority.key").exists() or folder.name == "authority"
-    with pytest.raises(BadValueError, match="which has certificates"):
+    with pytest.raises(InputError, match="already has certificates"):
         making.make_keys(tmp_path / "keys", [])
 
 
