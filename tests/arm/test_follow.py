@@ -396,7 +396,7 @@ def test_recording_outside_limits_is_refused_with_its_line(arm, tmp_path):
 @pytest.mark.parametrize("options", [{}, {"duration_s": 0}, {"duration_s": math.nan},
                                      {"duration_s": 1, "period_s": 0}])  # fmt: skip
 def test_record_refuses_missing_duration_or_zero_period(arm, tmp_path, options):
-    with pytest.raises(BadValueError):
+    with pytest.raises(InputError):
         arm.record(tmp_path / "wave.jsonl", **options)
     assert not (tmp_path / "wave.jsonl").exists()
 
