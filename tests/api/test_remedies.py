@@ -106,13 +106,13 @@ def test_unreachable_point_suggests_call_that_can_be_planned():
         assert arm.plan_to([float(x) for x in point[1].split(",")]).duration_s > 0.0
 
 
-def test_stopped_arm_names_acknowledge_call():
+def test_stopped_arm_error_names_acknowledge_call():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.stop("enough")
         assert "arm.acknowledge()" in message_of(lambda: arm.move_joints({"shoulder_pan": 0.1}))
 
 
-def test_existing_recording_names_overwrite_argument(tmp_path):
+def test_existing_recording_error_names_overwrite_argument(tmp_path):
     (tmp_path / "a.jsonl").write_text("")
     with ikservo.open_arm("so101", port="sim") as arm:
         text_ids = message_of(lambda: arm.record(tmp_path / "a.jsonl", duration_s=0.1))
