@@ -47,7 +47,7 @@ def test_camera_check_finds_camera_unmoved(run_cli):
     assert "has not moved" in run_cli(f"camera check {ARM} --camera sim").out
 
 
-def test_moved_camera_is_detected_and_refused_until_back(run_cli, move_camera):
+def test_moved_camera_is_detected_and_refused_until_moved_back(run_cli, move_camera):
     back = move_camera([0.01, 0.0, 0.0])
     found = run_cli(f"camera check {ARM} --camera sim --json")
     assert (found.code, found.json["moved"]) == (6, True)

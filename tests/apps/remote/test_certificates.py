@@ -122,7 +122,7 @@ def test_watcher_certificate_may_not_drive(served, certificates):
 
 
 @pytest.mark.parametrize("who", ["watcher", "guest"])
-def test_without_operator_certificate_no_key_drives_arm(served, certificates, who):
+def test_client_without_operator_certificate_cannot_drive_arm(served, certificates, who):
     before = served.packets
     with open_client([served.endpoint], certificates[who]) as session:
         for service in DRIVE:
@@ -136,7 +136,7 @@ def test_without_operator_certificate_no_key_drives_arm(served, certificates, wh
     assert served.packets == before
 
 
-def test_guest_certificate_sees_nothing(served, certificates):
+def test_guest_certificate_can_neither_read_nor_stop_arms(served, certificates):
     before = served.packets
     with open_client([served.endpoint], certificates["guest"]) as session:
         for name in ("desk", "*"):

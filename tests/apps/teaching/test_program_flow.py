@@ -95,7 +95,7 @@ def test_called_program_of_another_arm_is_refused(arm, tmp_path):
 @pytest.mark.parametrize("inner", [
     program({"program": "inner.toml"}), program(WAIT, repeat="until stopped")
 ], ids=["calls itself", "never ends"])  # fmt: skip
-def test_called_program_without_an_end_is_refused(arm, tmp_path, inner):
+def test_called_program_that_calls_or_never_ends_is_refused(arm, tmp_path, inner):
     write_program(tmp_path / "inner.toml", inner)
     with pytest.raises(InputError, match="cannot be called: it"):
         make_run(arm, tmp_path, {"program": "inner.toml"})
@@ -120,7 +120,7 @@ def test_endless_program_ends_when_no_step_applies(arm, tmp_path):
     assert run_all(run) == []
 
 
-def test_program_pause_is_left_to_caller_and_moves_nothing(arm, tmp_path):
+def test_program_pause_is_handled_by_caller_and_moves_nothing(arm, tmp_path):
     run = make_run(arm, tmp_path, WAIT, {"pause": "Put in the next part."}, WAIT)
     assert run.pauses
     assert [step.step.pause for step in run.steps()] == [None, "Put in the next part.", None]
