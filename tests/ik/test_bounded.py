@@ -187,7 +187,7 @@ def test_tracking_out_of_reach_follows_edge_and_names_limit():
     assert [str(limit) for limit in solver.result.binding] == [str(limit) for limit in best.binding]
 
 
-def test_tracking_leaves_stretched_arm():
+def test_tracking_moves_arm_out_of_stretched_posture():
     solver, T = Solver(planar(0.3, 0.2)), np.eye(4)
     T[0, 3] = 0.4  # straight inwards, where the gradient is zero
     assert solver.track(T, [0.0, 0.0])[1]
