@@ -113,7 +113,7 @@ def test_program_is_checked_then_run_as_one_plan(simulated):
     ("text", "words"),
     [
         ("x", "is not TOML"),
-        ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "one for koch"),
+        ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "is for koch"),
         (
             'format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n',
             "repetitions is 1000",
