@@ -77,7 +77,7 @@ class SampledTrajectory:
         if path is not None:
             file = Path(path)
             if file.exists() and not overwrite:
-                raise InputError(f"{file} exists.", "Choose another file, or give overwrite=True.")
+                raise InputError(f"{file} exists.", "Choose another file, or add overwrite=True.")
             write_atomic(file, text)
         return text
 
