@@ -48,7 +48,7 @@ def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
     """Check that a value is one of several choices, and return it.
 
     Raises:
-        UnknownNameError: The value is not one of them.
+        UnknownNameError: The value is not one of the choices.
     """
     # ``in`` with an array returns an array, which has no truth value.
     if isinstance(cast("object", value), np.ndarray) or value not in choices:

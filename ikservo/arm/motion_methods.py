@@ -19,7 +19,7 @@ from ikservo.arguments import OnExit, check_callable, check_flag, parse_all_posi
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.method_options import with_options
 from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
-from ikservo.errors import BadValueError, shown
+from ikservo.errors import InputError, shown
 from ikservo.guard import StopKind, StopReason
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import (
@@ -545,15 +545,13 @@ class MotionMethods(Protocol):
         Raises:
             IkservoError: The arm has no gripper.
             RefusedError: A jaw would touch something; nothing has moved.
-            BadValueError: The width is out of its range or unknown, or the force is not a fraction.
+            InputError: The width is out of its range or unknown, or the force is not a fraction.
         """
         on_progress = options.pop("on_progress", None)
         given = _fields(MoveGripper, options)
         if to is not None and not isinstance(to, str):
             if given.get("width_m") is not None:
-                raise BadValueError(
-                    "The motion of the gripper", "not clear", "open, close or a width"
-                )
+                raise InputError("Give the gripper open, close or a width, and only one of them.")
             given["width_m"], to = to, None
         return self._run(MoveGripper(to, **given), on_progress, wait=wait)
 

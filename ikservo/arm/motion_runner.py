@@ -191,7 +191,7 @@ class MotionRunner:
     def undisturbed(self) -> Generator[None]:
         """Keep other threads from moving this arm or an arm in reach, and from changing the scene.
 
-        The actions in the block are one request.
+        A stop ends all actions in the block, as in ``requested``.
 
         Raises:
             RefusedError: Another arm in reach is moving.

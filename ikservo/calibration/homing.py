@@ -126,8 +126,8 @@ def _check_fixed_homing(joint: str, travel: TickRange, encoder: Encoder) -> Homi
     low = travel.low % encoder.ticks if encoder.wraps else travel.low
     if low < 0 or low + travel.width > encoder.ticks - 1:
         raise CalibrationError(
-            f"{joint}: its travel crosses the encoder's wrap-around; this servo cannot shift it.",
-            "Remount the horn a few teeth further, so that the travel stays on one side of the "
-            "wrap-around.",
+            f"{joint}: its travel crosses the encoder's wrap-around; this servo has no homing "
+            "offset to shift it.",
+            "Remount the horn a few teeth further, so that the travel does not cross it.",
         )
     return Homing(0, False, travel.low - low)

@@ -209,7 +209,7 @@ class JointMap:
         low, high = math.ceil(a - 1e-6), math.floor(b + 1e-6)
         if low > high:
             raise BadValueError(
-                f"The range of {self.joint}", f"[{lower}, {upper}]", "a range with a tick"
+                f"The range of {self.joint}", f"[{lower}, {upper}]", "a range that contains a tick"
             )
         return low, high
 

@@ -64,7 +64,8 @@ def check_new_signs(
     print_status("torque comes on and each of them moves 5° and back.")
     if not operator.agrees(Question("Make the test motion now?", Unasked.NO)):
         print_status(
-            f"The first motion begins with it. To run it: ikservo calibrate {model.name} --wiggle"
+            "The first motion begins with this test. To run it: "
+            f"ikservo calibrate {model.name} --wiggle"
         )
         return False
     connection = ArmConnection(arm=str(model.path), port=port)

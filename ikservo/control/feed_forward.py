@@ -62,7 +62,7 @@ class FeedForward:
         self.dry_lag = self._dry_friction / self._stiffness
 
     def with_gains(self, shares: Sequence[float]) -> FeedForward:
-        """Return a copy for other P gains (dof,), as fractions of those of the parameters."""
+        """Return a copy with P gains scaled by ``shares`` (dof,) from those in ``parameters``."""
         pairs = zip(self.parameters.drives, shares, strict=True)
         drives = tuple(drive and drive.with_gain(share) for drive, share in pairs)
         return FeedForward(replace(self.parameters, drives=drives), self.columns)

@@ -91,7 +91,7 @@ class GoalCompensator:
         """Discard the load and friction that feedback has learned, because torque was off.
 
         Args:
-            gain_shares: P gains of all servos (n,), as fractions of those of the parameters.
+            gain_shares: P gains of all servos (n,), as fractions of those in ``parameters``.
         """
         self._feedback.reset()
         if self._nominal is not None:

@@ -360,8 +360,8 @@ def hold_ticks(
 ) -> list[int]:
     """Read the tick at which each joint holds, or would hold when its torque comes on.
 
-    A servo that already holds keeps its goal, because load has pulled its joint slightly below. A
-    goal that is outdated and far from the joint is not kept.
+    A servo that already holds keeps its goal: its joint sags slightly, and holding the measured
+    tick would sag further. An outdated goal that is far from the joint is not kept.
 
     Raises:
         BusError: A servo does not answer.

@@ -418,7 +418,7 @@ class StreamedServos:
             Whether the goals were sent without being cut.
 
         Raises:
-            RefusedError: The guard refuses them; nothing was sent.
+            RefusedError: The guard refuses the goals; nothing was sent.
             ServoAlarmError: A servo has lost its torque; nothing was sent.
         """
         self.stop_request.raise_if_without_braking()
@@ -529,7 +529,7 @@ class StreamedServos:
         """Write goals, each within its limits or at a position that was measured or sent before.
 
         Raises:
-            RefusedError: A goal is neither of these; nothing was sent.
+            RefusedError: A goal is neither; nothing was sent.
         """
         write_goals(
             self._bus,

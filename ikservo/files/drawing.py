@@ -111,7 +111,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     Raises:
         FileFormatError: The file is missing, empty, too large or malformed; the line is named.
         InputError: svgelements is not installed.
-        BadValueError: The unit is neither m nor mm, or contradicts the file.
+        InputError: The unit is neither m nor mm, or contradicts the file.
     """
     file = parse_path(path)
     if unit is not None and (not isinstance(cast("object", unit), str) or unit not in _UNITS_M):
@@ -119,9 +119,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     text = read_text(file, _MAX_BYTES)
     if file.suffix.lower() == ".svg":
         if unit is not None:
-            raise BadValueError(
-                "The unit", "given for an SVG, which has its own", "a scale instead"
-            )
+            raise InputError("An SVG has its own unit.", "Leave out the unit, or give a scale.")
         drawing = _read_svg(file, text)
     else:
         drawing = Drawing(tuple(_read_csv(file, text, unit)))

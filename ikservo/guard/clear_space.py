@@ -83,7 +83,7 @@ class RigidBodies:
         self.pairs = np.column_stack([of[rows[:, :2]].astype(np.int64), rows[:, 2]])
 
     def masses(self, of_links: Matrix) -> Matrix:
-        """Return mass [kg] and centre [m] of each body (n, 4) from those of links (links, 4)."""
+        """Combine mass [kg] and centre [m] of the links (links, 4) into those of bodies (n, 4)."""
         centres = (self._poses[:, :3, :3] @ of_links[:, 1:, None])[..., 0] + self._poses[:, :3, 3]
         masses = np.zeros((len(self.frames), 4))
         np.add.at(masses[:, 0], self._numbers, of_links[:, 0])

@@ -216,7 +216,7 @@ class CollisionChecker:
         return RigidBodies(self.body)
 
     def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
-        """Return the allowed distances of capsules (2, …) from those of pairs; row 1 is for sag."""
+        """Convert allowed distances of pairs to those of capsules (2, …); row 1 is for sag."""
         count = len(self.pairs)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:

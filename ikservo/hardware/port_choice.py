@@ -65,7 +65,7 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
 
     Args:
         name: The port.
-        arm_file: The file of the arm on it.
+        arm_file: The file of the simulated arm.
 
     Raises:
         InputError: A bus is to be simulated, but no arm is named, or the options are invalid.

@@ -83,7 +83,7 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
     Args:
         port: The port that was lost.
         serial_number: From ``serial_number_of``, before the loss.
-        within_s: The time to wait for it.
+        within_s: The time to wait for the adapter.
         clock: The clock for the wait; the real one if None.
 
     Raises:

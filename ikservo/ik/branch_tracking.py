@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NoReturn, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, InputError
 from ikservo.ik.bounded import unpack_result
 from ikservo.ik.prepare import (
     HOMOGENEOUS_ROW,
@@ -205,10 +205,10 @@ class Solver:
         """The whole result of the last call: errors and active limits.
 
         Raises:
-            BadValueError: There has been no call yet.
+            InputError: There has been no call yet.
         """
         if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
-            raise BadValueError("The last problem", "missing", "a solve before its result is read")
+            raise InputError("The solver has no result yet.", "Solve a target first.")
         found = unpack_result(self.chain, self._worker.answer[0], "bounded")
         droop = self._droop
         return found if droop is None else replace(found, nearest_m=droop.lowered(found.nearest_m))

@@ -88,7 +88,7 @@ class ArmStructure:
     Attributes:
         yaw: The first joint, if it is not in the plane.
         plane: Two or three parallel joints.
-        wrist: The joints behind them.
+        wrist: The joints between these and the tip.
         centre: The point (3,) where the axes of a wrist of two or three joints meet, or None.
         tool: Pose (4, 4) of the frame while all joints are zero.
         deviation: The deviation of axes from being parallel [rad] or from meeting [m].

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arguments import parse_number
-from ikservo.errors import BadValueError, shown
+from ikservo.errors import BadValueError, InputError, shown
 from ikservo.kernels.layout import MAX_POSITION_M
 from ikservo.kinematics import Chain, finite_array, finite_vector
 from ikservo.kinematics.arrays import (
@@ -70,7 +70,7 @@ class Target:
             last column.
 
     Raises:
-        BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
+        InputError: A number is not finite, a shape is wrong, an axis has no length, the
             orientation is not a rotation, or both direction and orientation are given.
     """
 
@@ -95,7 +95,7 @@ class Target:
         tool_axis: ArrayLike = _TOOL_AXIS,
     ) -> None:
         if direction is not None and orientation is not None:
-            raise BadValueError("The target", "over-determined", "a direction or an orientation")
+            raise InputError("The target has a direction and an orientation.", "Give one.")
         if frame is not None and not isinstance(cast("object", frame), str):
             expected = "the name of a link, or None for the tip"
             raise BadValueError("The frame", shown(frame), expected)

@@ -94,7 +94,7 @@ def _make_grid(frame: Matrix, lower: Vector, upper: Vector, cell_m: float) -> Vo
     half = np.ceil((upper - lower) / (2 * cell_m) - 1e-9)
     u, v, w = (2 * int(n) + 1 for n in half)
     if u * v * w > _MAX_CELLS:
-        raise BadValueError("cell_m", f"{cell_m:g} m, {u * v * w} cells", "larger cells")
+        raise BadValueError("cell_m", f"{cell_m:g} m, too small: {u * v * w} cells", "larger cells")
     first = 0.5 * (lower + upper) - (half + 0.5) * cell_m
     return VoxelGrid(frame, first, (u, v, w), cell_m)
 

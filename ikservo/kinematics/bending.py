@@ -44,7 +44,7 @@ class Bending:
         freeze_arrays(self)
 
     def deflection(self, q_link: ArrayLike) -> Vector:
-        """Compute the deflection by gravity at link joints (dof,) or (n, dof), shaped as these."""
+        """Compute the deflection under gravity, (dof,) or (n, dof), shaped like ``q_link``."""
         torque = self.dynamics.gravity_torques(q_link)
         return -self.compliance * torque - self.half_play * self.side(torque)
 

@@ -142,7 +142,8 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
     if tip is None:
         links = ", ".join(link.name for link in urdf.links)
         raise InputError(
-            f"{path} does not say which link is the tool.", f"Give tip (--tip), of: {links}."
+            f"{path} does not say which link is the tool.",
+            f"Choose the tool link with tip (--tip): one of {links}.",
         )
     name = urdf.name or path.stem
     return Model.from_geometry(name, name, build_chain(urdf, tip), urdf, path)

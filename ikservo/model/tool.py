@@ -113,8 +113,8 @@ _DIRECTIONS = (
 def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int) -> str:
     """Describe how to move a joint from a pose so that its position increases or decreases.
 
-    Forwards is the direction of the tool in the pose ``home``, seen from the base; left is the
-    left of that direction.
+    Forwards is the horizontal direction from the base to the tool in pose ``home``; left is 90°
+    counter-clockwise from it, seen from above.
 
     Args:
         model: The arm.

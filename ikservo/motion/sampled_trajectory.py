@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion import Trajectory
@@ -64,7 +64,7 @@ class SampledTrajectory:
         (``elbow_flex_rad``), then the velocities (``elbow_flex_rad_s``).
 
         Raises:
-            BadValueError: The file exists and ``overwrite`` is false.
+            InputError: The file exists and ``overwrite`` is false.
             FileWriteError: The file cannot be written.
         """
         columns = [f"{name}_{unit}" for name, unit in zip(self.names, self.units, strict=True)]
@@ -77,9 +77,7 @@ class SampledTrajectory:
         if path is not None:
             file = Path(path)
             if file.exists() and not overwrite:
-                raise BadValueError(
-                    "The file", f"{file}, which exists", "a new file, or overwrite=True"
-                )
+                raise InputError(f"{file} exists.", "Choose another file, or add overwrite=True.")
             write_atomic(file, text)
         return text
 

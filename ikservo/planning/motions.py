@@ -347,10 +347,9 @@ class MoveThrough(MotionValue[MoveResult]):
         if not 0.0 < self.blend_m < math.inf:
             raise BadValueError("The blend", f"{self.blend_m} m", "a positive distance")
         if self.tool_speed_m_s is not None and not self.line:
-            raise BadValueError(
-                "The speed of the tool",
-                "given for a joint motion",
-                "a straight line, or a joint speed: slow, normal or fast",
+            raise InputError(
+                "A joint motion has no tool speed.",
+                "Move in straight lines, or choose a speed class: slow, normal or fast.",
             )
 
     def path_from(self, tip_m: Vector) -> ToolPath:
@@ -508,7 +507,7 @@ class MoveGripper(MotionValue[GraspResult]):
 
     def _check(self) -> None:
         if (self.to is None) == (self.width_m is None):
-            raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
+            raise InputError("Give the gripper open, close or a width, and only one of them.")
 
     def __str__(self) -> str:
         return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"

@@ -66,7 +66,7 @@ class PathConstraint:
             if getattr(self, name) is not None:
                 length = math.hypot(*self._set_vector(name, f"The {what}"))
                 if not 1e-6 <= length <= 1e6:
-                    raise BadValueError(f"The {what}", f"{length:g} long", "a direction")
+                    raise BadValueError(f"The length of the {what}", f"{length:g}", "1e-6 to 1e6")
         if self.above_m is not None:
             self._set_vector("above_m", "The point of the plane")
         if (self.low_m is None) != (self.high_m is None):

@@ -13,6 +13,7 @@ from ikservo.errors import (
     AimError,
     BadValueError,
     CartesianPathError,
+    InputError,
     OrientationError,
     UnreachableError,
 )
@@ -154,7 +155,7 @@ class Planner:
         See ``plan_path``.
 
         Raises:
-            BadValueError: The errors of ``plan_path``.
+            InputError: The errors of ``plan_path``.
         """
         path = straight_lines(self.path_start(start), points_m, blend_m)
         return self.plan_path(start, path, speed, stance, tool_speed_m_s)
@@ -179,15 +180,14 @@ class Planner:
         Raises:
             UnreachableError: The end, or another point of the path, is out of reach; it is named.
             OrientationError: The tool cannot have the requested orientation.
-            BadValueError: The path is impossible, a preferred posture was requested, or the motion
+            InputError: The path is impossible, a preferred posture was requested, or the motion
                 would take more than an hour at this speed of the tool.
             UnknownNameError: There is no such speed.
         """
         if stance.posture is not None:
-            raise BadValueError(
-                "The tool orientation on a line",
-                "given as a preferred posture",
-                "an orientation or nothing",
+            raise InputError(
+                "A straight line cannot keep a preferred posture.",
+                "Give a tool orientation, or nothing.",
             )
         start = self._clip_to_limits(start)
         q = self._index.chain_joints(start)

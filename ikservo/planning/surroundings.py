@@ -112,9 +112,9 @@ class Surroundings:
             self._put_among(self._seen)
 
     def contacts_began_m(self) -> Vector | None:
-        """Return the depth at which each pair of the checker came into contact (pairs,), or None.
+        """Return the depth (pairs,) at which each pair came into contact, or None.
 
-        Contacts are discarded if the things have changed.
+        None: Nothing is recorded, or the checked pairs have changed.
         """
         if self.contacts is None or self.checker is None or self.contacts[0] != self.checker.pairs:
             return None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arguments import check_flag, parse_number
-from ikservo.errors import BadValueError, OrientationError, shown
+from ikservo.errors import BadValueError, InputError, OrientationError, shown
 from ikservo.ik import Options, Posture, Result, Solver, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -42,7 +42,7 @@ class ToolOrientation:
             orientation.
 
     Raises:
-        BadValueError: Values contradict each other, or are not finite numbers.
+        InputError: Values contradict each other, or are not finite numbers.
     """
 
     pitch_rad: float | None = None
@@ -60,10 +60,10 @@ class ToolOrientation:
                 given, expected = f"{math.degrees(within_rad):g}°", "an angle from 0.5° to 180°"
                 raise BadValueError("The tolerance of the tool orientation", given, expected)
             if not self.constrains_more_than_keep:
-                raise BadValueError(
-                    "The tolerance of the tool orientation", "given alone",
-                    "a pitch, roll, direction or orientation with it",
-                )  # fmt: skip
+                raise InputError(
+                    "The tolerance has no tool orientation to apply to.",
+                    "Add a pitch, roll, direction or orientation.",
+                )
         for name, angle, most in (
             ("pitch", self.pitch_rad, math.pi / 2),
             ("roll", self.roll_rad, math.tau),
@@ -87,15 +87,15 @@ class ToolOrientation:
             and replace(self, orientation=None, within_rad=None).is_constrained
         ):
             raise BadValueError(
-                "The tool orientation", "given twice", "an orientation, or parts of it"
+                "The tool orientation", "given twice", "either an orientation or its parts"
             )
         if self.keep and self.constrains_more_than_keep:
-            raise BadValueError("The tool orientation", "given twice", "keep, or an orientation")
+            raise BadValueError("The tool orientation", "given twice", "keep or an orientation")
         if self.direction is not None and self.pitch_rad is not None:
-            raise BadValueError("The tool orientation", "given twice", "a direction, or a pitch")
+            raise BadValueError("The tool orientation", "given twice", "a direction or a pitch")
         if self.posture is not None and self.is_constrained:
             raise BadValueError(
-                "The tool orientation", "given twice", "a preferred posture, or an orientation"
+                "The tool orientation", "given twice", "either a posture or an orientation"
             )
 
     @property

@@ -103,7 +103,7 @@ def test_plan_does_not_change_with_array_it_was_made_from(arm):
     assert changed.goal[1] == 0.0
 
 
-def test_plan_whose_goal_is_not_its_end_is_refused(arm):
+def test_plan_with_goal_different_from_its_end_is_refused(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     with pytest.raises(RefusedError, match="goal differs from the end of its trajectory"):
         arm.execute(replace(plan, goal=plan.goal + np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])))

@@ -68,7 +68,7 @@ def test_functions_refuse_hostile_values_in_short_sentences(index):
 
 
 @pytest.mark.parametrize("value", [np.zeros((2, 3)), "yes", 1, None])
-def test_flag_arguments_accept_only_true_or_false(value, tmp_path):
+def test_boolean_arguments_accept_only_true_or_false(value, tmp_path):
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         for call in (
             lambda: arm.teach("q", hold=value),

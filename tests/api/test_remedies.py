@@ -30,11 +30,11 @@ REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
         ("Check its alarms: ikservo where", "Check its alarms: arm.where()"),
         ("Without an arm: --port sim", 'Without an arm: port="sim"'),
         ("Use --port sim, or another", 'Use port="sim", or another'),
-        ("a new file, or --overwrite", "a new file, or overwrite=True"),
+        ("another file, or add --overwrite.", "another file, or add overwrite=True."),
         ("or --no-collision if you can see", "or open_arm(..., collisions=False) if you can see"),
         ("Give --arm, as in --arm so101.", 'Name it, as in open_arm("so101").'),
         ("Calibrate it: ikservo calibrate so101", "Calibrate it: ikservo calibrate so101"),
-        ("Give tip (--tip), of: base.", "Give tip, of: base."),
+        ("Choose it with tip (--tip): base.", "Choose it with tip: base."),
         ("Choose another: --foxglove-port 8766", "Choose another: foxglove_port=8766"),
         ("", ""),
     ],
@@ -106,13 +106,13 @@ def test_unreachable_point_suggests_call_that_can_be_planned():
         assert arm.plan_to([float(x) for x in point[1].split(",")]).duration_s > 0.0
 
 
-def test_stopped_arm_names_acknowledge_call():
+def test_stopped_arm_error_names_acknowledge_call():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.stop("enough")
         assert "arm.acknowledge()" in message_of(lambda: arm.move_joints({"shoulder_pan": 0.1}))
 
 
-def test_existing_recording_names_overwrite_argument(tmp_path):
+def test_existing_recording_error_names_overwrite_argument(tmp_path):
     (tmp_path / "a.jsonl").write_text("")
     with ikservo.open_arm("so101", port="sim") as arm:
         text_ids = message_of(lambda: arm.record(tmp_path / "a.jsonl", duration_s=0.1))

@@ -161,7 +161,7 @@ def test_csv_of_sliding_joint_is_in_metres():
 def test_csv_file_is_overwritten_only_if_asked(still, tmp_path):
     plan, path = still.plan_to(NEAR), tmp_path / "plan.csv"
     plan.to_csv(path)
-    with pytest.raises(ikservo.BadValueError, match="overwrite=True"):
+    with pytest.raises(ikservo.InputError, match="overwrite=True"):
         plan.to_csv(path)
     plan.to_csv(path, overwrite=True)
 

@@ -204,7 +204,7 @@ def test_report_names_stuck_joint_and_its_lead_is_limited(arm):
     ],
 )
 @pytest.mark.parametrize("short_rad", [0.05, 0.12])
-def test_blocked_joint_is_not_pressed_until_servo_switches_off(name, joint, by_rad, short_rad):
+def test_blocked_joint_is_not_pressed_into_overload_shutdown(name, joint, by_rad, short_rad):
     with ikservo.open_arm(name, port=f"{PORT}&pose=home&seed=1", collisions=False) as machine:
         machine.enable()
         servo, goal = servo_id(name, joint), machine.where().positions[joint] + by_rad

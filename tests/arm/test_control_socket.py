@@ -226,14 +226,14 @@ def test_silent_callers_do_not_delay_other_callers(device, owner):
         connection.close()
 
 
-def test_stop_is_answered_beside_40_silent_callers(device, owner):
+def test_stop_is_answered_despite_40_silent_callers(device, owner):
     silent = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(40)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in silent:
         connection.close()
 
 
-def test_stop_is_answered_beside_callers_that_await_state(device, kind):
+def test_stop_is_answered_while_callers_await_state(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
     def wait_for_state(request):

@@ -61,14 +61,14 @@ def test_plan_with_free_path_is_executed_after_a_move(at_home):
     assert pan == pytest.approx(0.8, abs=0.01)
 
 
-def test_plan_made_without_collisions_is_checked_at_execution():
+def test_plan_made_without_check_is_checked_at_execution():
     with so101(collisions=False) as arm:
         plan = arm.plan_joints({"shoulder_lift": 0.6}, speed="slow")
     with so101() as arm, pytest.raises(RefusedError, match="would touch the table"):
         arm.execute(plan)
 
 
-def test_plan_made_in_other_scene_is_checked_in_this_scene():
+def test_plan_made_in_other_scene_is_checked_in_present_scene():
     with so101() as arm:
         plan = arm.plan_joints({"shoulder_pan": -0.8}, speed="slow")
     with so101(POST) as arm, pytest.raises(RefusedError, match="would touch the post"):

@@ -205,7 +205,7 @@ def test_joint_that_lost_torque_silently_stops_the_arm():
             arm.move_joints({"shoulder_pan": 1.2})
 
 
-def test_jammed_joint_stops_motion_and_goal_returns_to_present(arm):
+def test_jammed_joint_stops_motion_and_goal_moves_to_position(arm):
     name = joint_of(arm, 1)
     auditor = Auditor(arm)
     inject(arm, "stuck", id=1)
@@ -320,7 +320,7 @@ def test_power_loss_of_two_servos_says_that_both_have_fallen(either):
         swing(either)
 
 
-def test_error_names_joint_that_fell_at_rest_and_it_moves_again(either):
+def test_joint_that_fell_at_rest_is_named_and_moves_again(either):
     either.pose("home")
     cut_power_of_one(either, 3, 0.0, 0.05)
     wait(either, 1.0)

@@ -26,7 +26,7 @@ def test_point_may_be_three_numbers(arm, method):
 
 
 @pytest.mark.parametrize("given", [(0.25, 0.0), (0.25, 0.0, 0.1, "slow"), ((0.25, 0, 0.1), 3, 4)])
-def test_malformed_point_is_refused_with_the_right_form(arm, given):
+def test_malformed_point_error_shows_the_right_form(arm, given):
     for method in (arm.move_to, arm.move_line, arm.look_at, arm.plan_to, arm.plan_line):
         with pytest.raises(ikservo.IkservoError, match=r"\(x, y, z\) in metres"):
             method(*given)

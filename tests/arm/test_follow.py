@@ -242,7 +242,7 @@ def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, setpoint):
     assert arm.stopped_for == ""
 
 
-def test_follow_names_unknown_joint_and_suggests_known_one(arm):
+def test_follow_error_names_unknown_joint_and_suggests_known_one(arm):
     with pytest.raises(UnknownNameError, match="Did you mean elbow_flex"):
         arm.follow([{"elbow_flexx": 0.1}])
 
@@ -309,7 +309,7 @@ def test_jog_with_invalid_speed_moves_nothing(arm, speed):
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_jog_of_unknown_joint_lists_known_ones(arm):
+def test_jog_error_for_unknown_joint_lists_known_joints(arm):
     with pytest.raises(UnknownNameError, match="elbow_flex, gripper"):
         arm.jog("elbow", wanted=lambda: True)
 
@@ -396,7 +396,7 @@ def test_recording_outside_limits_is_refused_with_its_line(arm, tmp_path):
 @pytest.mark.parametrize("options", [{}, {"duration_s": 0}, {"duration_s": math.nan},
                                      {"duration_s": 1, "period_s": 0}])  # fmt: skip
 def test_record_refuses_missing_duration_or_zero_period(arm, tmp_path, options):
-    with pytest.raises(BadValueError):
+    with pytest.raises(InputError):
         arm.record(tmp_path / "wave.jsonl", **options)
     assert not (tmp_path / "wave.jsonl").exists()
 

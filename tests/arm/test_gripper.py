@@ -6,7 +6,7 @@ import math
 import pytest
 
 import ikservo
-from ikservo.errors import BadValueError, IkservoError, UnknownNameError
+from ikservo.errors import BadValueError, IkservoError, InputError, UnknownNameError
 from servosim.joint import Hand, hold
 from tests.arm.simulated import line_of, registers, servo_id
 from tests.oracle import arm_file
@@ -93,7 +93,7 @@ def test_creeping_jaws_close_and_report_no_grasp(name, begun, share):
 @pytest.mark.parametrize(
     "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
 )
-def test_least_force_grasps_object_between_jaws(name):
+def test_minimum_force_grasps_object_between_jaws(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         open_jaws(arm)
         at = put_between(arm, 0.3)
@@ -105,7 +105,7 @@ def test_least_force_grasps_object_between_jaws(name):
 
 
 @pytest.mark.parametrize(("name", "least"), LEAST.items())
-def test_force_too_small_to_move_jaws_names_least_force(name, least):
+def test_error_for_too_small_force_names_minimum_force(name, least):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         with pytest.raises(BadValueError, match=f"a fraction from {least:g} to 1 on this arm"):
             arm.gripper("close", force=least - 0.01)
@@ -206,11 +206,11 @@ def test_gripper_force_outside_0_to_1_is_refused(so101, force):
 
 @pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
 def test_gripper_needs_exactly_one_of_word_and_width(so101, to, width_m):
-    with pytest.raises(BadValueError, match="open, close or a width"):
+    with pytest.raises(InputError, match="open, close or a width"):
         so101.gripper(to, width_m=width_m)
 
 
-def test_unknown_gripper_word_lists_known_words(so101):
+def test_unknown_gripper_word_error_lists_known_words(so101):
     with pytest.raises(UnknownNameError, match="close, open"):
         so101.gripper("ajar")
 
@@ -223,7 +223,7 @@ def test_arm_without_gripper_refuses_gripper_command():
         arm.gripper("open")
 
 
-def test_shipped_gripper_is_closed_nearer_zero_than_open():
+def test_shipped_gripper_closed_position_is_nearer_zero():
     for name in ("so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "vx300s"):
         gripper = ikservo.load_model(name).gripper
         joint = next(j for j in arm_file(name)["joints"] if j["role"] == "gripper")

@@ -52,7 +52,7 @@ def test_goal_of_arrived_joint_is_not_corrected():
     assert set(goals) == {2030.0}
 
 
-def test_joint_without_wanted_position_keeps_its_goal():
+def test_joint_without_target_keeps_its_goal():
     goals = feed(creep(wanted=None), [1950] * 20)
     assert set(goals) == {2000.0}
 
@@ -287,12 +287,12 @@ def test_late_swing_of_joint_is_reported_without_error():
     assert "swings" in trajectory.residuals[0]
 
 
-def test_swinging_joint_without_wanted_position_keeps_its_goal():
+def test_swinging_joint_without_target_keeps_its_goal():
     sent, _ = swing_then_rest(creep(wanted=None), 2009, 0.0)
     assert set(sent) == {2000.0}
 
 
-def test_goal_does_not_jump_with_a_jumping_joint():
+def test_goal_does_not_follow_jump_of_measured_position():
     joint = creep()
     feed(joint, [1990] * 10)
     before = joint.goal_at(0.0)

@@ -59,7 +59,7 @@ def _height_m(shape, place):
 
 
 @pytest.mark.parametrize("name", GRIPPERS)
-def test_capsules_of_all_jaws_cover_them_at_every_opening(name):
+def test_capsules_cover_all_jaws_at_every_opening(name):
     model, exact = load_model(name), Exact(name)
     space, random = (
         CollisionChecker(collision_body_with_gripper(model), DEEP_M),
@@ -120,7 +120,7 @@ def test_jaws_open_after_arm_has_moved_away_from_obstacle(arm):
 
 
 @pytest.mark.full
-def test_open_jaws_are_refused_a_path_that_closed_jaws_pass(arm):
+def test_path_free_for_closed_jaws_is_refused_for_open_jaws(arm):
     arm.gripper("close")
     assert arm.move_joints({"shoulder_pan": -0.5}, speed="fast").reached
     assert arm.move_joints({"shoulder_pan": 0.0}, speed="fast").reached

@@ -83,7 +83,7 @@ def test_joint_space_line_is_used_if_only_it_keeps_upright():
         assert along_rad == pytest.approx(np.linalg.norm(joints[-1] - joints[0]), rel=1e-6)
 
 
-def test_broken_path_constraint_names_excess_and_place(ready):
+def test_path_constraint_error_names_excess_and_place(ready):
     before = registers(ready, "goal_position")
     with pytest.raises(ConstraintError, match=r"the tip|The tip") as refused:
         ready.move_to(RIGHT, straight=True, within=NEAR)
@@ -101,7 +101,7 @@ def test_broken_path_constraint_names_excess_and_place(ready):
 
 
 @pytest.mark.full
-def test_line_that_keeps_its_constraint_reports_it(ready):
+def test_line_plan_reports_constraint_it_keeps(ready):
     plan = ready.plan_line((0.2, 0.0, 0.1), within=UPRIGHT)
     assert tilts_deg(poses_along(ready, plan)).max() <= 10.1
     assert plan.kept

@@ -52,7 +52,7 @@ def test_plan_from_free_arm_does_not_use_retract_pose(folded):
 
 
 @pytest.mark.full
-def test_target_in_contact_is_refused_from_folded_arm(folded):
+def test_folded_arm_refuses_target_in_contact(folded):
     before = registers(folded, "goal_position")
     with pytest.raises(RefusedError, match="would touch"):
         folded.move_to((0.25, 0.0, -0.05))

@@ -34,7 +34,7 @@ def stop_and_acknowledge(arm):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("request_motion", REQUESTS.values(), ids=REQUESTS)
-def test_stop_while_motion_is_prepared_ends_it(arm, monkeypatch, request_motion):
+def test_stop_during_preparation_ends_the_motion(arm, monkeypatch, request_motion):
     before = registers(arm, "goal_position")
     done = call_before(motion_runner(arm), "motion", monkeypatch, lambda: stop_and_acknowledge(arm))
     with pytest.raises(StoppedError):
@@ -90,7 +90,7 @@ def test_motion_requested_after_stop_runs(arm):
 
 
 @pytest.mark.full
-def test_motion_requested_while_stopped_one_brakes_runs(arm):
+def test_motion_requested_while_stopped_motion_brakes_runs(arm):
     later = []
 
     def stop_and_go_on(progress):

@@ -93,7 +93,7 @@ def test_torque_and_goals_are_sent_only_by_stoppable_code():
     assert callers({"ServoBus"}) == PLAIN_BUSES | STOPPABLE_BUSES
 
 
-def test_stop_reaches_bus_without_arm(arm):
+def test_stop_reaches_bus_opened_without_arm(arm):
     with open_bus(PLANAR, PORT) as bus:
         assert stop_own_programs().stopped[0].arm == "planar2"
         with pytest.raises(StoppedError):
@@ -142,7 +142,7 @@ def test_state_request_to_bus_without_arm_says_port_is_busy(arm):
     ],
     ids=["all", "arm", "port"],
 )
-def test_stop_before_port_is_open_counts(arm, stop):
+def test_stop_before_port_is_open_is_obeyed(arm, stop):
     stop()
     with open_own_arm(PLANAR, PORT) as machine:
         with pytest.raises(RefusedError, match="before the port was open"):
@@ -154,7 +154,7 @@ def test_stop_before_port_is_open_counts(arm, stop):
 
 
 @pytest.mark.parametrize("other", ["so101", "koch"])
-def test_stop_of_other_arm_before_opening_does_not_count(arm, other):
+def test_stop_of_other_arm_before_opening_is_ignored(arm, other):
     request_stop_of(other)
     request_stop("/dev/ttyOTHER", "planar2")
     with open_own_arm(PLANAR, PORT) as machine:
@@ -162,7 +162,7 @@ def test_stop_of_other_arm_before_opening_does_not_count(arm, other):
     assert torques(arm) == [True, True]
 
 
-def test_stop_while_command_starts_ends_it(arm, capsys):
+def test_stop_during_start_of_command_ends_the_command(arm, capsys):
     stop_own_programs()
     words = f"joints joint1=10 --arm planar2 --port {PORT} --yes".split()
     assert (main(words), torques(arm)) == (130, [False, False])
@@ -208,7 +208,7 @@ def test_old_stop_marks_are_removed(monkeypatch):
         assert len(list((Path(home) / "run").glob("*.stop"))) == 1
 
 
-def test_stop_mark_from_before_restart_does_not_count(monkeypatch):
+def test_stop_mark_from_before_restart_is_ignored(monkeypatch):
     early_stops.leave_mark()
     real = early_stops.time.monotonic
     monkeypatch.setattr(early_stops.time, "monotonic", lambda: real() - 3600.0)

@@ -104,7 +104,7 @@ def test_impossible_tool_orientation_names_a_possible_pitch(name, asked, word):
     assert "pitch" in error.instead
 
 
-def test_pitch_offered_instead_of_impossible_one_can_be_planned():
+def test_pitch_suggested_for_impossible_pitch_can_be_planned():
     with pytest.raises(OrientationError) as caught:
         planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(60))
     offered = float(caught.value.instead.split("pitch ")[1].split("°")[0])

@@ -78,7 +78,7 @@ def machine(*reasons):
         (("on", "lowering_ended"), HOLDING, False),
     ],
 )
-def test_torque_state_after_each_reason_matches_the_table(reasons, state, due):
+def test_torque_state_after_each_sequence_of_events_is_right(reasons, state, due):
     torque = machine(*reasons)
     assert (torque.state, torque.first_motion_due) == (state, due)
 
@@ -217,7 +217,7 @@ def test_acknowledge_without_stop_keeps_state_moving(arm):
 
 
 @pytest.mark.full
-def test_overheated_arm_failing_while_lowered_is_lowered_once(arm, monkeypatch):
+def test_overheated_arm_is_lowered_once_even_if_lowering_fails(arm, monkeypatch):
     arm.move_joints({"shoulder_pan": 0.1})
     started, hot = [], ServoAlarmError("elbow_flex is too hot", "Let it cool down.")
 

@@ -102,7 +102,7 @@ def test_adapter_closes_with_the_last_of_two_arms(arms, adapter):
     assert not adapter.is_open
 
 
-def test_closed_arm_is_opened_again_beside_the_other(arms, open_arm, adapter):
+def test_closed_arm_reopens_while_other_arm_is_open(arms, open_arm, adapter):
     arms[0].close()
     assert pan_deg(open_arm("left", 1)) == pytest.approx(0.0, abs=0.5)
     assert adapter.opened == 1
@@ -113,7 +113,7 @@ def test_servo_ids_in_use_by_another_arm_are_refused(arms, open_arm):
         open_arm("third", 6)
 
 
-def test_open_port_without_servo_ids_is_refused_beside_an_arm(arms):
+def test_port_without_servo_ids_is_refused_while_arm_is_open(arms):
     with pytest.raises(ikservo.PortBusyError):
         ports.open_port(arms[0].port_name, BAUD)
 

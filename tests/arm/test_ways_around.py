@@ -108,7 +108,7 @@ def test_joint_goals_are_reached_around_obstacles(beside_post):
         beside_post.move_joints(others)  # the one that is not named stays
 
 
-def test_line_is_not_led_around_and_refusal_offers_joint_move(beside_post):
+def test_blocked_line_is_refused_and_joint_move_is_suggested(beside_post):
     before = registers(beside_post, "goal_position")
     with pytest.raises(CollisionError, match=r"would touch the post: .* mm deep") as refused:
         beside_post.move_line(RIGHT)

@@ -104,7 +104,7 @@ def test_readout_shows_only_tip_and_solver_shows_posture(reader):
     expect(reader.page.locator("#posture")).to_contain_text("manipulability")
 
 
-def test_full_server_is_reported_until_there_is_room(browser, shared, monkeypatch):
+def test_full_server_is_reported_until_it_accepts_clients(browser, shared, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.server.server._MAX_CLIENTS", 0)
     context = browser.new_context()
     page = with_long_timeout(context.new_page())

@@ -28,7 +28,7 @@ def test_changed_register_is_reported_with_both_values():
     ]
 
 
-def test_servo_that_the_arm_lacks_is_reported():
+def test_servo_missing_in_arm_is_reported():
     (mismatch,) = register_mismatches(calibration_of(joint()), {})
     assert (mismatch.joint, mismatch.register, mismatch.expected, mismatch.found) == (
         "elbow", "id", "1", "not of this arm",

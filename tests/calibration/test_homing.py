@@ -27,7 +27,7 @@ def test_potentiometer_tick_beyond_its_end_is_not_wrapped():
 @pytest.mark.parametrize(
     ("low", "high", "kept"),
     [
-        (64, 3000, True),  # as far from the seam as it should be
+        (64, 3000, True),  # far enough from the wrap-around
         (63, 3000, False),
         (1000, 4031, True),
         (1000, 4032, False),
@@ -37,18 +37,18 @@ def test_potentiometer_tick_beyond_its_end_is_not_wrapped():
         (21, 4077, False),
     ],
 )
-def test_sts_offset_is_kept_while_seam_is_clear_of_travel(low, high, kept):
+def test_sts_offset_is_kept_if_travel_avoids_wrap_around(low, high, kept):
     found = homing_of(STS, low, high)
     assert (found.offset == 0) is kept
 
 
 @pytest.mark.parametrize("turns", [-2, 1])
-def test_sts_offset_is_kept_for_travel_counted_in_another_turn(turns):
+def test_sts_offset_is_kept_for_travel_in_another_turn(turns):
     low, high = 500 + 4096 * turns, 3000 + 4096 * turns
     assert homing_of(STS, low, high, offset=300) == Homing(300, False, low - 200)
 
 
-def test_sts_travel_across_seam_is_centred_in_the_count():
+def test_sts_travel_across_wrap_around_is_centred_by_homing():
     # 1000 ticks leave 1547 on either side
     assert homing_of(STS, 3596, 4596) == Homing(-2047, False, 3596 - 1547)
     assert homing_of(STS, -500, 500) == Homing(-2047, False, -500 - 1547)
@@ -74,19 +74,19 @@ def test_sts_offset_that_its_register_cannot_hold_is_not_kept():
         (1100, 2000, -1025, False),
     ],
 )
-def test_x_series_offset_is_kept_if_in_force_within_one_turn(low, high, offset, kept):
+def test_x_series_offset_is_kept_if_obeyed_and_within_one_turn(low, high, offset, kept):
     found = homing_of(X, low, high, offset)
     assert found == (Homing(offset, False, -offset) if kept else Homing(0, False, 0))
 
 
-def test_x_series_is_multi_turn_only_if_travel_crosses_seam():
+def test_x_series_is_multi_turn_only_if_travel_wraps_around():
     assert homing_of(X, 96, 4095) == Homing(0, False, 0)
     assert homing_of(X, 4096, 4096 + 2000) == Homing(0, False, 4096)
     found = homing_of(X, 3000, 4096, offset=5)
     assert found == Homing(5, True, 3548 - 3553)
 
 
-def test_x_series_that_is_multi_turn_and_crosses_seam_stays_so():
+def test_multi_turn_x_series_stays_so_if_travel_wraps_around():
     assert homing_of(X, 5096, 6096, offset=100, counts_on=True) == Homing(100, True, 5596 - 1600)
 
 

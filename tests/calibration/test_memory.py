@@ -90,7 +90,7 @@ def test_registers_differ_only_by_bits_that_affect_counting(register, one, other
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350", "SCS15"])
-def test_calibration_registers_are_those_held_in_a_file(model):
+def test_calibration_registers_equal_those_stored_in_the_file(model):
     names = {register.name for register in calibration_registers(MODELS[model])}
     assert names == facts(model).registers.keys()
 

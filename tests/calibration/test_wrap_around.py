@@ -48,7 +48,7 @@ def test_wrapped_difference_is_at_most_half_a_turn(start, end):
 
 
 @given(st.integers(-9999, 9999), st.lists(st.integers(-1024, 1024), max_size=60))
-def test_unwrap_follows_a_hand_over_every_seam(start, steps):
+def test_unwrap_follows_hand_across_every_wrap_around(start, steps):
     truth = last = start
     for step in steps:
         truth += step
@@ -57,7 +57,7 @@ def test_unwrap_follows_a_hand_over_every_seam(start, steps):
 
 
 @given(travels, st.integers(-2047, 2047))
-def test_sts_homing_fits_its_register_and_avoids_the_seam(travel, offset):
+def test_sts_homing_fits_register_and_avoids_wrap_around(travel, offset):
     homing = choose_homing("elbow", STS, travel, offset, MAGNET)
     assert abs(homing.offset) <= 2047
     for tick in (travel.low, travel.high):
@@ -67,7 +67,7 @@ def test_sts_homing_fits_its_register_and_avoids_the_seam(travel, offset):
 
 
 @given(travels, st.integers(-5000, 5000))
-def test_x_series_homing_keeps_one_turn_unless_across_the_seam(travel, offset):
+def test_x_series_homing_keeps_one_turn_without_wrap_around(travel, offset):
     homing = choose_homing("elbow", X, travel, offset, MAGNET)
     crosses = travel.low // TURN != travel.high // TURN
     assert homing.extended == crosses
@@ -106,12 +106,12 @@ def test_homing_refuses_travel_of_a_whole_turn(family):
         choose_homing("elbow", family, TickRange(0, 4095), 0, MAGNET)
 
 
-def test_homing_without_offset_refuses_travel_across_seam():
+def test_homing_without_offset_refuses_travel_across_wrap_around():
     with pytest.raises(CalibrationError, match="horn a few teeth further"):
         choose_homing("elbow", Family.DYNAMIXEL_1, TickRange(4000, 5000), 0, MAGNET)
 
 
-def test_potentiometer_has_no_seam():
+def test_potentiometer_has_no_wrap_around():
     homing = choose_homing("elbow", Family.FEETECH_SCS, TickRange(20, 1003), 0, POTENTIOMETER)
     assert (homing.offset, homing.extended, homing.shift) == (0, False, 0)
     assert encoder_tick(Family.FEETECH_SCS, 700, 0, POTENTIOMETER) == 700

@@ -42,7 +42,7 @@ def test_adopted_calibration_applies_on_the_new_adapter(arm, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
 
 
-def test_missing_calibration_suggests_calibration_adopt(arm, run_cli):
+def test_missing_calibration_error_suggests_calibration_adopt(arm, run_cli):
     done = run_cli(f"calibration diff {NAME} --port {PORT}")
     assert f"ikservo calibration adopt {NAME}" in done.err
 
@@ -52,7 +52,7 @@ def test_adopt_does_nothing_without_confirmation(arm, run_cli):
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_adopt_refuses_servos_that_hold_other_registers(arm, run_cli):
+def test_adopt_refuses_servos_with_other_register_values(arm, run_cli):
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("homing_offset", 77)
     done = run_cli(f"{WORDS} --yes")

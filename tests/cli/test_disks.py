@@ -119,7 +119,7 @@ WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "Name
 
 
 @pytest.mark.full
-def test_files_are_written_only_by_known_modules():
+def test_only_listed_modules_write_files():
     folder = Path(ikservo.__file__).parent
     found = {
         path.relative_to(folder).as_posix()

@@ -99,7 +99,7 @@ def test_folded_table_line_keeps_its_column_spaces():
     ]
 
 
-def test_folded_line_does_not_break_a_longer_word():
+def test_fold_keeps_word_longer_than_width_whole():
     assert fold("see /a/path/that/is/long now", 12) == ["see", "/a/path/that/is/long", "now"]
 
 

@@ -58,14 +58,14 @@ def first_copy():
 
 
 @EACH
-def test_first_copy_is_made_before_eeprom_is_written(writer, arm, run_cli, tmp_path):
+def test_eeprom_backup_is_made_before_eeprom_is_written(writer, arm, run_cli, tmp_path):
     writer(run_cli, arm, tmp_path)
     assert arm.register(1, "return_delay") == 0
     assert read_backup(first_copy()).eeprom["return_delay"] == DELAY
 
 
 @EACH
-def test_servo_is_not_written_if_its_copy_cannot_be(writer, arm, run_cli, home, tmp_path):
+def test_servo_is_not_written_if_its_backup_fails(writer, arm, run_cli, home, tmp_path):
     home.mkdir()
     (home / "backups").write_text("no folder")
     before = arm.eeprom_writes()
@@ -76,7 +76,7 @@ def test_servo_is_not_written_if_its_copy_cannot_be(writer, arm, run_cli, home, 
     assert arm.register(1, "lock") == 1
 
 
-def test_calibration_makes_first_copies_before_its_journal(arm):
+def test_calibration_makes_eeprom_backups_before_its_journal(arm):
     with open_torque_off(load_model(NAME), PORT) as limp_arm:
         before = arm.register(1, "min_position_limit")
         changes = plan_changes(limp_arm.bus, {1: {"min_position_limit": before + 100}})
@@ -85,7 +85,7 @@ def test_calibration_makes_first_copies_before_its_journal(arm):
     assert read_backup(first_copy()).eeprom["min_position_limit"] == before
 
 
-def test_calibration_is_not_written_if_first_copies_cannot_be(arm, home):
+def test_calibration_is_not_written_if_eeprom_backup_fails(arm, home):
     home.mkdir()
     (home / "backups").write_text("no folder")
     before = arm.eeprom_writes()

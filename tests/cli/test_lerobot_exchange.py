@@ -126,7 +126,7 @@ def test_lerobot_export_without_calibration_exits_6(arm, run_cli):
     assert (done.code, done.out) == (6, "")
 
 
-def test_export_to_unknown_program_lists_known_ones(arm, run_cli):
+def test_export_to_unknown_program_lists_known_programs(arm, run_cli):
     done = run_cli("export dynamixel_wizard --arm so101")
     assert done.code == 2
     assert "Known: csv, dataset, lerobot" in done.err

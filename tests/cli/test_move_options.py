@@ -71,7 +71,7 @@ def test_move_with_impossible_orientation_exits_7(run_cli):
     ("move 0.25 0.05 0.15 --pitch 20 --keep", 2, "given twice"),
     ("move 0.25 0.05 0.15 --pitch 20 --direction 1,0,0", 2, "given twice"),
     ("move 0.25 0.05 0.15 --pitch 120", 2, "at most ±90°"),
-    ("move 0.25 0.05 0.15 --within 10", 2, "given alone"),
+    ("move 0.25 0.05 0.15 --within 10", 2, "no tool orientation to apply to"),
     ("move 0.25 0.05 0.15 --pitch 0 --within 0.1", 2, "0.5° to 180°"),
     ("move 0.25 0.05 0.15 --pitch 40 --within 2", 7, "within 2.0° is not possible at"),
     ("move 0.25 0.05 0.15 --pitch steep", 2, "is not an angle"),

@@ -62,7 +62,7 @@ def test_look_chooses_camera_by_source(arm, run_cli):
     assert "calibrated with camera sim, not rtsp://" in other.err
 
 
-def test_unknown_camera_name_lists_the_known_ones(arm, run_cli):
+def test_unknown_camera_name_error_lists_known_cameras(arm, run_cli):
     with pytest.raises(UnknownNameError, match="no camera named 'right'") as refused:
         arm.camera.named("right")
     assert "Known: left" in refused.value.hint

@@ -109,4 +109,4 @@ def test_solve_refuses_pitch_with_conflicting_options(run_cli, other):
 def test_solve_refuses_direction_together_with_pitch(run_cli):
     result = run_cli("solve 0.25 0.05 0.15 --arm so101 --direction 0,1,0 --pitch 30")
     assert result.code == 2
-    assert "a direction, or a pitch" in result.err
+    assert "a direction or a pitch" in result.err

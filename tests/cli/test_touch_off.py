@@ -116,7 +116,7 @@ def test_touch_off_drops_and_names_camera_of_the_old_zeros(arm, truth, tmp_path,
 
 
 @pytest.mark.full
-def test_touch_off_moves_zeros_and_leaves_the_stops(arm, truth, tmp_path, run_cli):
+def test_touch_off_moves_zeros_and_keeps_end_stops(arm, truth, tmp_path, run_cli):
     path = calibration_path(NAME, SERIAL)
     before = read_calibration(path)
     assert run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes").code == 0
@@ -159,14 +159,14 @@ def test_touch_off_sheet_names_place_and_omits_far_points(arm, tmp_path, run_cli
 
 
 @pytest.mark.parametrize("line", ["A 1 2", "A 1 2 x", "A 1 2 inf", "A", "A 1 2 3 4"])
-def test_touch_off_points_file_names_its_bad_line(arm, tmp_path, run_cli, line):
+def test_touch_off_points_file_error_names_line(arm, tmp_path, run_cli, line):
     (tmp_path / "points").write_text(f"B 0 0 0\n{line}\n")
     done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert done.code == 2
     assert "line 2" in done.err
 
 
-def test_touch_off_script_names_its_bad_line(arm, tmp_path, run_cli):
+def test_touch_off_script_error_names_line(arm, tmp_path, run_cli):
     (tmp_path / "script").write_text("touch\ntuch\n")
     done = run_cli(f"{WORDS} --same-point --from-script {tmp_path / 'script'}")
     assert (done.code, "line 2" in done.err) == (2, True)

@@ -21,7 +21,7 @@ def test_solve_and_workspace_ask_about_millimetres(run_cli, words):
     assert "250mm 50mm 150mm" in result.err
 
 
-def test_no_question_about_millimetres_if_they_are_no_nearer(run_cli):
+def test_millimetres_are_not_suggested_if_still_unreachable(run_cli):
     assert "millimetres" not in run_cli(f"move 0.9 0 0.1 {SIM}").err
     assert "millimetres" not in run_cli(f"move 9000 0 0 {SIM}").err
 

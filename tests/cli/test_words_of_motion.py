@@ -320,5 +320,5 @@ def test_teach_announces_its_steps_before_it_waits(run_cli, monkeypatch, tmp_pat
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.apps.teaching.teach_command.wait_for_enter", lambda _: None)
     first = run_cli("teach cup --arm so101 --port sim").err.splitlines()[0]
-    reported = 'move it by hand. Enter saves its pose as "cup", and torque stays off.'
+    reported = 'move the arm by hand. Press Enter to save its pose as "cup"; then torque stays off.'
     assert first == f"Torque stays off; {reported}"

@@ -155,7 +155,7 @@ def test_feedback_stays_strong_after_swing_or_one_overshoot(feedback, errors):
     assert answer == pytest.approx(fresh)
 
 
-def test_feedback_is_softer_for_light_stiffer_for_pressed():
+def test_feedback_is_softer_if_light_and_stiffer_if_pressed():
     lag, inertia_s2 = [0.01] * 200, np.array([0.8 / 18.0**2])
     stiffness, braking = [], []
     for pressed in (0.0, 1.0):

@@ -101,7 +101,7 @@ def test_look_at_point_beyond_limits_moves_nothing(opened):
 
 
 @pytest.mark.parametrize("opened", ["seven_joints"], indirect=True)
-def test_look_at_plan_requests_all_joints_of_its_goal(opened):
+def test_look_at_plan_requested_has_all_goal_joints(opened):
     plan = opened.plan_look((0.4, 0.1, 0.0))
     assert list(plan.requested) == list(opened.chain.names)
     assert plan.requested == pytest.approx(opened.joint_index.by_name(plan.goal))

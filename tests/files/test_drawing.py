@@ -127,7 +127,7 @@ def test_unusable_svg_is_refused_with_its_reason(tmp_path, text, message):
 
 
 def test_svg_drawing_refuses_a_unit(tmp_path):
-    with pytest.raises(BadValueError, match="given for an SVG"):
+    with pytest.raises(InputError, match="SVG has its own unit"):
         read_drawing(svg(tmp_path, '<path d="M0,0 h5"/>'), "mm")
 
 

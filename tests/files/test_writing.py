@@ -154,7 +154,7 @@ def test_several_files_are_written_with_their_folders(tmp_path):
     assert len([path for path in tmp_path.rglob("*") if path.is_file()]) == 2
 
 
-def test_failed_write_of_several_files_keeps_the_old_ones(tmp_path):
+def test_failed_write_of_several_files_keeps_old_files(tmp_path):
     old = tmp_path / "old"
     old.write_text(OLD)
     with pytest.raises(FileWriteError, match="old/new"):

@@ -220,7 +220,7 @@ def test_retargeted_paths_in_contact_sink_less_than_0_5_mm():
     assert sink_by_checks(0.05, 50, rest=np.array([0.05, 1.0])) >= 0.0495
 
 
-def test_paths_stopped_in_contact_do_not_add_up_depth():
+def test_depth_does_not_grow_over_paths_stopped_in_contact():
     began_m = np.minimum(space_of_balls().distances([np.array([0.05, 1.0])])[0], 0.0)
     assert sink_by_checks(0.05, 50, began_m=began_m) >= 0.0495
     unknown_m = np.full(len(began_m), -np.inf)

@@ -145,7 +145,7 @@ def test_capsule_to_box_distance_equals_hand_computed_value(a, b, distance):
     assert space.distances([np.zeros(1)])[0].min() == pytest.approx(distance, abs=1e-8)
 
 
-def test_shape_distances_equal_those_of_dense_samples():
+def test_shape_distances_equal_dense_sampling():
     random = np.random.default_rng(3)
     along = np.linspace(0.0, 1.0, 4001)[:, None]
     for trial in range(60):

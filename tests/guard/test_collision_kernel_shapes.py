@@ -101,7 +101,7 @@ def test_pairs_must_refer_to_existing_capsules(arrays, end):
         assert distances_fit(**arrays | {"pairs": tried}) is fits
 
 
-def test_pair_columns_lie_before_those_of_floor_and_boxes(arrays):
+def test_pair_columns_precede_floor_and_box_columns(arrays):
     between = arrays["distances"].shape[1] - ROWS * (1 + len(BOXES))
     for column, fits in ((0, True), (between - 1, True), (-0.5, False), (between, False)):
         tried = changed(arrays["pairs"], (0, 2), column)

@@ -19,7 +19,7 @@ def test_tick_range_is_whole_ticks_inside_limits():
     assert DrivenJoint(joint_map, limits, 1.0).tick_range == (2047, 2050)
 
 
-def test_position_range_is_that_of_outermost_ticks():
+def test_position_range_ends_at_outermost_ticks():
     limits = Limits.of("jaw", 0.0, 0.0101, "user", "m")
     assert DrivenJoint(RACK, limits, 1.0).position_range == pytest.approx((0.0, 827 * 0.05 / 4096))
 

@@ -59,7 +59,7 @@ def test_gate_refuses_step_one_tick_longer(direction):
     assert bus.sent == []
 
 
-def test_gate_limits_step_after_stall_to_that_of_50_ms():
+def test_gate_limits_step_after_stall_to_motion_of_50_ms():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 5.0
     gate.update_measured({"elbow": 2300, "wrist": 2048}, 5.0)
@@ -178,7 +178,7 @@ def test_repeated_goals_at_one_time_share_one_step():
     assert [goals[3] for goals in bus.sent] == [2149, 2150, 2150]
 
 
-def test_gate_counts_the_time_of_a_step_back():
+def test_gate_charges_step_back_its_time():
     gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})
@@ -512,7 +512,7 @@ class TestCut:
             gate.shorten_goals({"elbow": 2050}, clock.time_s)
 
 
-def test_stale_joints_are_those_without_reading_for_250_ms():
+def test_joint_without_reading_for_250_ms_is_stale():
     gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
     assert gate.stale_joints(CYCLE_S + 0.25) == ()
     gate.update_measured({"wrist": 2048}, CYCLE_S + 0.1)

@@ -38,7 +38,7 @@ def test_goal_one_tick_beyond_maximum_lead_is_refused(lead):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_pushed_joint_may_only_reduce_its_lead(side):
+def test_joint_pushed_beyond_max_lead_may_only_reduce_its_lead(side):
     last = 2048 + side * 300
     joint = measured_at(2048, goal=last)
     for goal in (last, last - side * 100):
@@ -55,7 +55,7 @@ def test_measurement_is_valid_for_250_ms(now_s):
 
 
 @pytest.mark.parametrize("now_s", [1.2501, 9.0, math.nan])
-def test_goal_is_refused_if_measurement_is_stale(now_s):
+def test_goal_is_refused_if_position_reading_is_stale(now_s):
     joint = measured_at(2048)
     assert joint.is_stale(now_s)
     with pytest.raises(RefusedError, match=r"from elbow for 0\.25 s"):
@@ -140,7 +140,7 @@ def test_allowed_advance_uses_motion_speed_up_to_joint_speed(speed, used):
     assert joint.allowed_advance_s(0.2) == pytest.approx(100 / used)
 
 
-def test_allowed_advance_is_that_of_joint_with_largest_lag():
+def test_joint_with_largest_lag_sets_allowed_advance():
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     gate.update_measured({"elbow": 2048 - 121, "wrist": 2048}, 0.02)
     assert gate.allowed_advance_s(0.001) == pytest.approx(0.0004928, rel=1e-3)

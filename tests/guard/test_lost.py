@@ -35,7 +35,7 @@ def test_lost_cycles_are_counted_per_joint():
         losses.update(answered)
 
 
-def test_lost_joints_are_empty_when_all_answer():
+def test_no_joint_is_lost_when_all_joints_answer():
     losses = CommunicationMonitor(["elbow", "wrist"])
     losses.update(ONE)
     losses.update(BOTH)

@@ -44,7 +44,7 @@ def check(path_m, *boxes):
         ([3.5, 3.3, 0.9, 0.5], 58),
     ],
 )
-def test_contact_place_is_that_of_refined_sample(path_m, percent):
+def test_contact_place_is_taken_from_refined_sample(path_m, percent):
     with pytest.raises(RefusedError, match=rf"touch the plate: 100\.0 mm deep, at {percent} %"):
         check(path_m, plate(1.5))
 

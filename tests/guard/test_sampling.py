@@ -60,7 +60,7 @@ def test_line_of_rotations_is_sampled_by_largest_angle():
     assert len(sample_line(np.zeros(2), np.array([0.2, -1.0]))) == 1 + 20
 
 
-def test_line_of_zero_length_has_two_samples():
+def test_sampled_line_of_zero_length_has_two_samples():
     assert sample_line(np.ones(3), np.ones(3)).shape == (2, 3)
 
 

@@ -101,7 +101,7 @@ class TestBulk:
             )
         assert sent == []
 
-    def test_bulk_read_reports_silent_servo_beside_values(self):
+    def test_bulk_read_reports_silent_servo_and_values_of_others(self):
         bus = make_bus({1: X, 2: X})
         add_faults(bus, ("silent", {"id": 1}))
         readings = bus.bulk_read(APART, raw=True)

@@ -59,7 +59,7 @@ def test_torque_off_switches_torque_off(arm):
     assert servos[1].read("torque_enable") == 0
 
 
-def test_voltage_role_reads_two_different_models(arm):
+def test_voltage_of_two_servo_models_is_read_in_one_call(arm):
     bus, servos = arm
     volts = bus.sync_read(IDS, RegisterName.PRESENT_VOLTAGE).require_all()
     expected = {i: servo.read("present_input_voltage") / 10 for i, servo in servos.items()}

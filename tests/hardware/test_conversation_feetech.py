@@ -84,7 +84,7 @@ def test_silent_servo_does_not_affect_replies_of_others(arm):
     assert "elbow_flex (id 3)" in str(readings.errors[3])
 
 
-def test_alarm_is_reported_beside_values(arm):
+def test_alarm_is_reported_along_with_values(arm):
     bus, servos = arm
     servos[2].write("max_temperature_limit", 10)
     bus.clock.sleep_until(bus.clock.now_s() + 1.0)

@@ -110,7 +110,7 @@ class TestD4RefusalInSyncRead:
         with pytest.raises(IndexError):
             group.getData(1, 132, 4)
 
-    def test_driver_reports_rejected_read_beside_value_of_other(self, dynamixel, line):
+    def test_driver_reports_rejected_read_and_value_of_other_servo(self, dynamixel, line):
         line.expect(ASK_BOTH, DENIED, SECOND_AT_2079)
         readings = dynamixel.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.values == {2: 2079}
@@ -228,7 +228,7 @@ def test_reply_in_single_bytes_is_assembled(dynamixel, line):
     assert dynamixel.read(1, POSITION, raw=True) == 166
 
 
-def test_alert_bit_is_reported_beside_value(port, line):
+def test_alert_bit_is_reported_along_with_value(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250, "waist")])
     line.expect(READ_POSITION, status(0x55, 0x80, 0xA6, 0, 0, 0))
     assert bus.read(1, POSITION, raw=True) == 166

@@ -25,7 +25,7 @@ def test_eeprom_value_already_held_is_not_written(feetech, line):
     assert update_eeprom(feetech, 1, WANTED) == []
 
 
-def test_eeprom_lock_left_open_is_closed(feetech, line):
+def test_eeprom_left_unlocked_is_locked(feetech, line):
     line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, OPEN).expect(LOCK, TAKEN)
     assert update_eeprom(feetech, 1, WANTED) == []
 

@@ -85,6 +85,6 @@ def test_scanner_survives_any_bytes(packet, scan, anything, final):
 
 
 @given(st.binary(max_size=40))
-def test_crc_equals_that_of_data_sheet_and_sdk(packet):
+def test_crc_equals_crc_of_data_sheet_and_sdk(packet):
     assert crc(0, packet, len(packet)) == crc_16(packet)
     assert dynamixel_sdk.PacketHandler(2.0).updateCRC(0, packet, len(packet)) == crc_16(packet)

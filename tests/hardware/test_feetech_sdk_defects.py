@@ -217,7 +217,7 @@ class TestF10SilentServoInSyncRead:
         assert readings.values == {2: 2047}
         assert "shoulder_pan (id 1) on scripted does not answer" in str(readings.errors[1])
 
-    def test_driver_sync_read_reports_alarms_beside_values(self, feetech, line):
+    def test_driver_sync_read_reports_alarms_and_values(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 04 20 00 08 D2", self.SECOND)
         readings = feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION, raw=True)
         assert readings.alarms == {1: {Alarm.OVERLOAD}}

@@ -47,7 +47,7 @@ def value_or_loss(bus, register):
 
 @both
 @pytest.mark.parametrize("delay_s", [0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
-def test_late_reply_is_never_taken_for_that_to_later_request(bus, model, delay_s):
+def test_late_reply_never_answers_later_request(bus, model, delay_s):
     add_faults(bus, ("late", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     with pytest.raises(ServoSilentError):
@@ -58,7 +58,7 @@ def test_late_reply_is_never_taken_for_that_to_later_request(bus, model, delay_s
 
 @both
 @pytest.mark.parametrize("delay_s", [0.0, 1e-5, 1e-4, 1e-3, 0.005, 0.015])
-def test_duplicated_reply_is_never_taken_for_another_request(bus, model, delay_s):
+def test_duplicated_reply_never_answers_another_request(bus, model, delay_s):
     add_faults(bus, ("duplicated", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     bus.read(1, LIMITS[model])
@@ -99,7 +99,7 @@ class TestHealthyLine:
             line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
-    def test_other_read_within_20_ms_requests_one_more_byte(self, feetech, line):
+    def test_different_read_within_20_ms_is_one_byte_longer(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
             request(1, 10, 3), reply(1, 0, 255, 15)
         )

@@ -24,7 +24,7 @@ def test_xl320_is_read_together_with_x_servos(bus):
     assert ticks == {i: s.read("present_position") for i, s in simulated_servos(bus).items()}
 
 
-def test_xl320_in_wheel_mode_is_refused_torque(bus):
+def test_torque_is_refused_for_xl320_in_wheel_mode(bus):
     update_eeprom(bus, 1, {bus.servos[1].table.operating_mode: 1})
     with pytest.raises(RefusedError, match="its operating mode is 1"):
         torque_on(bus, 1)
@@ -40,7 +40,7 @@ def test_xl320_eeprom_is_not_written_under_torque(bus):
     assert len(update_eeprom(bus, 1, {limit: 61})) == 1
 
 
-def test_xl320_alarm_bits_differ_from_those_of_x_servo(bus):
+def test_xl320_and_x_servo_have_different_alarm_bits(bus):
     simulated_servos(bus)[1].inject_alarm(0b100)
     found = identify(bus.port, framing_of(Family.DYNAMIXEL_2), 1, echoes=PortMode.name == "echo")
     assert found.alarms == (Alarm.VOLTAGE,)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.ik import Options, Solver, Target, solve
 from ikservo.ik.batch import solve_batch
 from ikservo.kinematics import Chain, JointType
@@ -187,7 +187,7 @@ def test_tracking_out_of_reach_follows_edge_and_names_limit():
     assert [str(limit) for limit in solver.result.binding] == [str(limit) for limit in best.binding]
 
 
-def test_tracking_leaves_stretched_arm():
+def test_tracking_moves_arm_out_of_stretched_posture():
     solver, T = Solver(planar(0.3, 0.2)), np.eye(4)
     T[0, 3] = 0.4  # straight inwards, where the gradient is zero
     assert solver.track(T, [0.0, 0.0])[1]
@@ -353,5 +353,5 @@ def test_out_array_of_wrong_dtype_or_shape_is_refused(out):
 
 
 def test_solver_has_no_result_before_first_solve():
-    with pytest.raises(BadValueError, match="last problem"):
+    with pytest.raises(InputError, match="no result yet"):
         _ = Solver(planar(0.3, 0.2)).result

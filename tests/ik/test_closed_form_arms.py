@@ -134,7 +134,7 @@ def determined(name, kind):
     ("name", "kind"),
     [(n, k) for n in sorted(set(STRUCTURES) - set(NEARLY)) for k in KINDS if determined(n, k)],
 )
-def test_closed_form_contains_joints_that_made_target(name, kind):
+def test_closed_form_contains_joints_that_generated_target(name, kind):
     arm, rng = chain(name), np.random.default_rng(8)
     for _ in range(25):
         q = sampled(arm, rng)

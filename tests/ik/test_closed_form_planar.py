@@ -245,7 +245,7 @@ def test_point_off_the_plane_has_only_nearest_solution():
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), angle)
-def test_solve_acos_bsin_finds_angle_that_made_value(a, b, theta):
+def test_solve_acos_bsin_finds_angle_that_generated_value(a, b, theta):
     found = solve_acos_bsin(a, b, a * math.cos(theta) + b * math.sin(theta))
     if found is not None:
         assert min(abs(math.remainder(t - theta, 2 * math.pi)) for t in found) < 1e-6

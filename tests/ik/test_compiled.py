@@ -248,7 +248,7 @@ def test_array_of_wrong_byte_or_memory_order_is_refused(change):
 
 
 @needs_extension
-def test_only_result_array_must_be_writable():
+def test_solve_all_needs_only_result_array_writable():
     call = Search("so101", TargetKind.POSITION, 1, 3)
     for array in (call.arm, call.problems, call.settings, call.starts, call.seeds):
         array.flags.writeable = False

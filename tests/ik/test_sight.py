@@ -30,7 +30,7 @@ def angle_off(chain, q, point_m, axis):
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: Path(arm).parent.name or arm)
-def test_sight_is_found_from_home_for_every_visible_point(arm):
+def test_look_at_is_solved_from_home_for_every_visible_point(arm):
     model = ikservo.load_model(arm)
     chain, axis, home = model.chain, tool_frame(model).approach_axis, model.chain_pose("home")
     rng = np.random.default_rng(3)
@@ -44,7 +44,7 @@ def test_sight_is_found_from_home_for_every_visible_point(arm):
         assert (sight.q <= chain.upper_rad).all()
 
 
-def test_sight_of_pan_tilt_turns_by_angles_of_point():
+def test_look_at_of_pan_tilt_turns_by_angles_of_point():
     chain = ikservo.load_model(PAN_TILT).chain
     point_m = (1.0, 1.0, 0.095)  # at the height of the lens
     assert solve_sight(chain, point_m, [0.0, 0.0], (1, 0, 0)).q == pytest.approx(
@@ -52,7 +52,7 @@ def test_sight_of_pan_tilt_turns_by_angles_of_point():
     )
 
 
-def test_sight_behind_limits_reports_remaining_angle():
+def test_look_at_beyond_limits_reports_remaining_angle():
     chain = ikservo.load_model(PAN_TILT).chain
     sight = solve_sight(chain, (-1.0, 0.0, 0.095), [0.1, 0.0], (1, 0, 0))
     assert not sight.reached
@@ -60,7 +60,7 @@ def test_sight_behind_limits_reports_remaining_angle():
     assert [str(limit) for limit in sight.binding] == ["pan at its upper limit"]
 
 
-def test_sight_of_visible_point_keeps_joints():
+def test_look_at_of_point_on_tool_axis_keeps_joints():
     chain = ikservo.load_model(PAN_TILT).chain
     q = np.array([0.4, -0.3])
     T = chain.forward(q)
@@ -68,7 +68,7 @@ def test_sight_of_visible_point_keeps_joints():
 
 
 @pytest.mark.parametrize("point_m", [(math.nan, 0, 0), (1, 0), (0, 0, 1e7)])
-def test_sight_refuses_invalid_point(point_m):
+def test_look_at_refuses_invalid_point(point_m):
     chain = ikservo.load_model(PAN_TILT).chain
     with pytest.raises(BadValueError, match="The point to look at"):
         solve_sight(chain, point_m, [0.0, 0.0], (1, 0, 0))

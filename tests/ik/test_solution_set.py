@@ -74,7 +74,7 @@ def test_redundant_joints_give_family_of_their_number(name, kind, freedom):
     assert (found.kind, found.freedom) == ("family", freedom)
 
 
-def test_pose_solution_count_equals_that_of_closed_form():
+def test_pose_solution_count_equals_closed_form_count():
     chain, rng = load_model("wx250s").chain, np.random.default_rng(6)
     counts = set()
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (12, chain.dof)):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.ik import Target, solve
 from tests.kinematics.chains import planar
 
@@ -36,7 +36,7 @@ def test_target_orientation_must_be_nine_finite_numbers(matrix):
 
 
 def test_target_refuses_direction_together_with_orientation():
-    with pytest.raises(BadValueError, match="a direction or an orientation"):
+    with pytest.raises(InputError, match="a direction and an orientation"):
         Target((0, 0, 0), direction=(1, 0, 0), orientation=np.eye(3))
 
 

@@ -33,7 +33,7 @@ def bent_chain(name, compliance=0.15, half_play=0.0):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x"])
-def test_sagging_tip_equals_that_of_servosim(name):
+def test_sagging_tip_equals_that_of_simulator(name):
     chain, model = bent_chain(name), load_model(name)
     yields = dict.fromkeys(chain.names, 0.15)
     world = make_arm_world(read_arm_file(model.path), specimen=Specimen(compliances=yields))
@@ -46,7 +46,7 @@ def test_sagging_tip_equals_that_of_servosim(name):
         np.testing.assert_allclose(drooped, world.tip.position_m(positions), atol=2e-4)
 
 
-def test_bent_link_poses_of_many_q_equal_single_ones():
+def test_batch_bent_link_poses_equal_poses_of_each_q():
     chain = bent_chain("so101", half_play=0.004)
     q = random_joints(chain, 6)
     poses = chain.link_poses(q)

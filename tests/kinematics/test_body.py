@@ -46,7 +46,7 @@ def test_gap_of_two_balls_is_distance_less_both_radii():
     np.testing.assert_allclose(gaps.gap_m, [[1.0 - 0.3], [3.0 - 0.3]])
 
 
-def test_gap_of_link_is_that_of_its_nearest_ball():
+def test_link_gap_is_gap_of_its_nearest_ball():
     near = rail(ball("base", 0.05, (0.6, 0, 1.0)))
     np.testing.assert_allclose(near.link_distances(Q).gap_m, [[0.4 - 0.25], [2.4 - 0.25]])
 

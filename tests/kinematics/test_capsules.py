@@ -32,7 +32,7 @@ def test_segment_distance_is_symmetric(p1, q1, p2, q2):
 
 @settings(max_examples=100, deadline=None)
 @given(points, points, points, points, st.floats(0.01, 0.2), st.floats(0.01, 0.2))
-def test_capsule_distance_equals_that_of_coal(p1, q1, p2, q2, r1, r2):
+def test_capsule_distance_equals_distance_by_coal_library(p1, q1, p2, q2, r1, r2):
     ours = segment_distance(p1, q1, p2, q2) - r1 - r2
     if ours < 0.01:  # coal measures penetration otherwise
         return
@@ -70,7 +70,7 @@ def _coal(p, q, radius_m):
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(points, points, points, points), min_size=1, max_size=5))
-def test_segment_distances_of_many_pairs_equal_single_ones(quadruples):
+def test_batch_segment_distances_equal_distance_of_each_pair(quadruples):
     together = segment_distance(*(np.array(ends) for ends in zip(*quadruples, strict=True)))
     alone = [float(segment_distance(*quadruple)) for quadruple in quadruples]
     np.testing.assert_allclose(together, alone, atol=1e-12)
@@ -94,7 +94,7 @@ def test_distance_of_parallel_segments_equals_dense_search(p1, q1, p2, stretch, 
     assert densest - 0.02 <= segment_distance(p1, q1, p2, q2) <= densest + 1e-7
 
 
-def test_segment_box_distances_of_many_equal_single_ones():
+def test_batch_segment_box_distances_equal_each_distance():
     ends = np.random.default_rng(4).uniform(-1, 1, (2, 5, 4, 3))
     low, high = np.array([-0.2, -0.3, 0.0]), np.array([0.3, 0.1, 0.4])
     together = segment_box_distance(*ends, low, high)

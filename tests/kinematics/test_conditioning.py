@@ -47,7 +47,7 @@ def test_planar_arm_has_two_translations_and_one_rotation():
     assert (len(found.moves_m_rad), len(found.turns_rad_rad)) == (2, 1)
 
 
-def test_manipulability_is_that_of_linear_jacobian_rows():
+def test_manipulability_uses_only_linear_jacobian_rows():
     chain = load_model("wx250s").chain
     q = load_model("wx250s").chain_pose("home") + 0.3
     J = chain.jacobian(q)
@@ -154,7 +154,7 @@ def test_shoulder_elbow_manipulability_equals_closed_form(q):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "px100"])
-def test_conditioning_turns_equal_rotations_of_null_space(name):
+def test_conditioning_turns_are_rotations_about_fixed_tip(name):
     model = load_model(name)
     q = model.chain_pose("home") + 0.2
     J = model.chain.jacobian(q)
@@ -253,7 +253,7 @@ def test_singularity_search_does_not_overshoot(side):
     assert found.distance_rad <= 1.1 * above_the_column_rad  # the straight elbow is at 1.5 of it
 
 
-def test_manipulability_of_many_jacobians_is_one_per_jacobian():
+def test_batch_manipulability_has_one_value_per_jacobian():
     chain, postures = shoulder(), np.array([[0.5, 0.4, 0.9], [0.1, 0.2, 0.3]])
     found = manipulability(chain.jacobian(postures)[:, :3])
     assert found == pytest.approx([conditioning(chain, q).manipulability for q in postures])

@@ -90,7 +90,7 @@ def test_regressor_times_parameters_equals_torques(pair):
         np.testing.assert_allclose(found, oracle.torques(*motion), **EXACT)
 
 
-def test_dynamics_of_many_samples_equal_single_ones(name):
+def test_batch_dynamics_equal_dynamics_of_each_sample(name):
     ours, motion = dynamics_of(name), list(stacked(oracle_of(name), 7))
     for compute, given in [
         (ours.inverse_dynamics, motion),
@@ -268,14 +268,14 @@ def test_column_effect_is_relative_to_largest_column():
         assert list(independent_columns(Y, [1.0, 0.1], 5e-4).columns) == [0]
 
 
-def test_largest_effect_is_that_of_column_not_sample():
+def test_tolerance_is_relative_to_largest_column_not_sample():
     # the third column has 1.2e-3 of the largest; the first sample is longer than any column
     Y = [[1.0, 1.0, 0.0], [0.0, 0.0, 1.2e-3]]
     assert list(independent_columns(Y, np.ones(3), 1e-3).columns) == [0, 2]
     assert list(independent_columns(Y, np.ones(3), 1.3e-3).columns) == [0]
 
 
-def test_last_column_counts_with_fewer_samples_than_columns():
+def test_last_column_is_found_with_fewer_samples_than_columns():
     assert list(independent_columns([[0.0, 0.0, 2.0]], np.ones(3)).columns) == [2]
 
 

@@ -38,17 +38,17 @@ def follower(lower, upper, multiplier):
     )  # fmt: skip
 
 
-def test_forward_of_many_q_equals_single_ones():
+def test_batch_forward_equals_forward_of_each_q():
     np.testing.assert_allclose(ARM.forward(Q), [ARM.forward(q) for q in Q], atol=1e-15)
 
 
-def test_jacobians_of_many_q_equal_single_ones():
+def test_batch_jacobians_equal_jacobian_of_each_q():
     offset_m = (0.01, 0.02, 0.03)
     one_by_one = [ARM.jacobian(q, "l2", offset_m) for q in Q]
     np.testing.assert_allclose(ARM.jacobian(Q, "l2", offset_m), one_by_one, atol=1e-15)
 
 
-def test_jacobians_of_prismatic_chain_equal_single_ones():
+def test_batch_jacobians_of_prismatic_chain_equal_each_one():
     q = [[0.3, 0.1], [-1.0, 0.4], [0.0, 0.0]]
     np.testing.assert_allclose(crane().jacobian(q), [crane().jacobian(each) for each in q])
 

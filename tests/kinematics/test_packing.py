@@ -148,7 +148,7 @@ def test_pack_links_has_one_row_per_link_with_its_joint():
     np.testing.assert_array_equal(cart[ORIGIN : ORIGIN + 9], np.eye(3).ravel())
 
 
-def test_packed_fixed_joint_is_origin_only():
+def test_packed_fixed_joint_has_only_its_origin():
     names, rows = pack_links(planar(0.3, 0.2))
     row = rows[names.index("tip")]
     np.testing.assert_array_equal(row[LINK_POSE : LINK_POSE + 3], [0.2, 0.0, 0.0])

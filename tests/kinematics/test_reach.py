@@ -73,7 +73,7 @@ def test_held_prismatic_joint_counts_at_its_position():
     np.testing.assert_allclose(reach.bound_of("finger"), [0.01 + 0.03 + 0.1])
 
 
-def test_no_point_moves_further_than_its_bound():
+def test_no_point_of_arm_moves_further_than_its_turn_bound():
     chain = rail(lower=-0.3, upper=0.2)
     reach = LinkTravelBounds(chain, [capsule("tip", -0.05, 0.07)]).bound_of("tip")
     rng, at = np.random.default_rng(3), (0.07, 0.0, 0.0)

@@ -124,7 +124,7 @@ OUTSIDE = [
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_mistake_is_reported_with_its_key(
+def test_arm_file_mistake_is_reported_with_its_key(
     arm_path: Path, arm_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in arm_text

@@ -94,7 +94,7 @@ def test_catalogue_name_outside_catalogue_is_none(tmp_path: Path) -> None:
     assert catalogue_name(tmp_path / "so101" / "arm.toml") is None
 
 
-def test_installed_arms_precede_those_of_source_tree(
+def test_installed_arms_precede_source_tree_arms(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = tmp_path / "ikservo" / "model" / "catalogue.py"

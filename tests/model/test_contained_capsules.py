@@ -17,7 +17,7 @@ def depth_m(capsule, points):
 
 
 @given(st.lists(CAPSULES, max_size=6), st.integers(0, 100))
-def test_remaining_capsules_contain_all_removed_ones(capsules, seed):
+def test_remaining_capsules_contain_all_removed_capsules(capsules, seed):
     kept = _without_contained(capsules)
     assert all(any(each is capsule for capsule in capsules) for each in kept)
     rng = np.random.default_rng(seed)

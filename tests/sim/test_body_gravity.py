@@ -162,7 +162,7 @@ def test_mimic_joint_adds_its_load_to_leader(tmp_path: Path) -> None:
     assert body.load_nm([0.3], [0.0]) == pytest.approx([swing_nm + twin_nm])
 
 
-def test_error_names_missing_joint_and_existing_ones(tmp_path: Path) -> None:
+def test_error_names_missing_joint_and_existing_joints(tmp_path: Path) -> None:
     path = write(tmp_path, PENDULUM.format(more=""))
     with pytest.raises(ArmFileError, match=r"no moving joint 'elbow'; has: swing"):
         RigidArm(path, ["elbow"])

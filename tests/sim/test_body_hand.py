@@ -140,7 +140,7 @@ def test_released_joint_returns_to_motor_goal() -> None:
     assert bench.motors["joint"].position_rad == pytest.approx(0.0, abs=0.02)
 
 
-def test_one_sided_hand_stops_joint_that_comes_to_it() -> None:
+def test_one_sided_hand_stops_joint_that_moves_against_it() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.2), limit=10.0, only=-1)).run(1.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.2, abs=0.01)

@@ -142,7 +142,7 @@ class TestReader:
         found = [frame for k in range(len(data)) for frame in ears.feed(data[k : k + 1])]
         assert found == [Frame(3, 2, b"\x84\x00\x04\x00", 1)]
 
-    def test_reader_finds_two_frames_in_one_piece(self, reader, encode):
+    def test_reader_finds_two_frames_in_one_chunk_of_bytes(self, reader, encode):
         first, second = encode(3, 1), encode(4, 1)
         found = reader().feed(first + second)
         assert [(frame.id, frame.end) for frame in found] == [(3, len(first)), (4, 2 * len(first))]

@@ -37,7 +37,7 @@ def test_read_returns_partial_data_at_its_time_out(make_port):
     assert port.read(60) == bytes.fromhex("FFFF010200FC")
 
 
-def test_read_without_time_out_ends_when_nothing_can_come(make_port):
+def test_read_without_time_out_ends_when_no_reply_can_come(make_port):
     port = make_port("STS3215")
     port.timeout = None
     port.write(PING)

@@ -154,7 +154,7 @@ class AgentArm:
             raise BadValueError("The number of steps with repetitions", count, expected)
         arm, name = self.arm, self.arm.model.name
         if program.arm != name:
-            raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
+            raise BadValueError("The program", f"for {program.arm}", f"a program for {name}")
         motions = [
             self.allowance.limited(step.to_motion(arm.model, program.speed_of(step)))
             for step in program.steps

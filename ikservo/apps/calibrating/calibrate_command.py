@@ -126,7 +126,7 @@ def command(
     if camera.from_pictures is not None:
         if camera != CameraOptions(from_pictures=camera.from_pictures):
             raise InputError(
-                "--from-pictures cannot be given with camera options.", "Leave the others out."
+                "--from-pictures cannot be given with other camera options.", "Leave those out."
             )
         if auto or touch or wiggle or joint:
             raise InputError("--from-pictures moves nothing.", "Leave out the other procedures.")

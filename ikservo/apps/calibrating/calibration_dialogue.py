@@ -410,7 +410,7 @@ def check_zeros(
 def confirm_saving(
     limp_arm: TorqueOffArm, calibration: Calibration, more: tuple[Choice, ...] = ()
 ) -> Dialogue[str]:
-    """Show what would be saved and replaced; return the answer of a user who agrees.
+    """Show what would be saved and replaced, and return the user's answer.
 
     Args:
         limp_arm: The arm.

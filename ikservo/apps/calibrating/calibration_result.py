@@ -227,7 +227,8 @@ def _choose_offsets(
             raise CalibrationError(
                 f"Servo {shadow_id} of {subject.name} is {offset} ticks off servo "
                 f"{subject.servo_id}; a homing offset corrects at most {MAX_X_OFFSET}.",
-                f"Remount the horn of servo {shadow_id} so that both report nearly the same.",
+                f"Remount the horn of servo {shadow_id} so that both servos report nearly the "
+                "same position.",
             )
         rows.append((shadow_id, offset))
     return rows

@@ -186,12 +186,12 @@ class LeastSquaresProblem:
         return np.concatenate([errors, (x - self.start) / self.prior])
 
     def jacobian(self, x: Vector, kept: Mask) -> Matrix:
-        """Compute the derivatives of the residuals by x."""
+        """Compute the derivatives of the residuals with respect to x."""
         J = self.tip_errors(self.values(x))[1][kept][:, :, self.layout.free] / TOUCH_M
         return np.vstack([J.reshape(3 * len(J), len(x)), np.diag(1.0 / self.prior)])
 
     def tip_errors(self, values: Vector) -> tuple[Matrix, Matrix]:
-        """Return tip minus point (n, 3), metres, and the derivatives by the vector (n, 3, k)."""
+        """Return tip minus point (n, 3), metres, and its Jacobian (n, 3, k) for ``values``."""
         layout = self.layout
         q, geometry = self._q + layout.zeros(values), layout.geometry(values)
         tips, moving = calibration_jacobian(layout.chain, q, geometry, layout.origins)

@@ -21,7 +21,7 @@ from ikservo.cli.options import (
 from ikservo.cli.quantities import parse_length_m, parse_pixels
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines
-from ikservo.errors import BadValueError, format_point
+from ikservo.errors import InputError, format_point
 from ikservo.planning.motions import MoveTo
 
 Pixel = Annotated[
@@ -73,10 +73,10 @@ def command(
     """
     within, orientation = path.within(), tool.orientation()
     if options.dry_run and not move:
-        raise BadValueError("--dry-run", "given without --move", "--move with it")
+        raise InputError("--dry-run only applies with --move.", "Add --move.")
     of_motion = (speed, tool, straight, replace(path, scene=None))
     if not move and of_motion != ("normal", ToolOptions(), False, PathOptions()):
-        raise BadValueError("An option of motions", "given without --move", "--move with it")
+        raise InputError("Motion options only apply with --move.", "Add --move.")
     with open_from_options(connection, options, path.scene) as machine:
         arm = require_own_port(machine)
         seeing = arm.camera.named(camera_name, camera)

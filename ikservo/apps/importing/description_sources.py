@@ -63,7 +63,7 @@ def choose_description(source: Path, name: str | None = None) -> Path:
         return found[0]
     if not found:
         what = f"no file {name}" if name else "no URDF, xacro or MJCF file"
-        raise InputError(f"{source} has {what}.", "Choose one: --from FILE.")
+        raise InputError(f"{source} has {what}.", "Give the file itself: --from FILE.")
     shown = ", ".join(str(path.relative_to(source)) for path in found[:_MAX_SHOWN])
     more = f" and {len(found) - _MAX_SHOWN} more" if len(found) > _MAX_SHOWN else ""
     raise InputError(
@@ -78,7 +78,7 @@ def _descriptions_in(folder: Path) -> Iterator[Path]:
         for file in files:
             count += 1
             if count > _MAX_FILES:
-                raise InputError(f"{folder} has too many files.", "Choose one: --from FILE.")
+                raise InputError(f"{folder} has too many files.", "Give the file: --from FILE.")
             path = Path(place) / file
             if path.suffix == ".urdf" or (
                 path.suffix in (".xacro", ".xml") and path.is_file() and _has_robot(path)

@@ -187,7 +187,7 @@ def _draw_postures(
     if len(postures) == 1:
         raise RefusedError(
             "The arm has no room to move.",
-            "Clear its reach, or move it to another pose first: ikservo pose home",
+            "Clear the space around it, or move it to another pose first: ikservo pose home",
         )
     return postures
 

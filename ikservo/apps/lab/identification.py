@@ -6,9 +6,9 @@ it, because duty, current and speed give the torque constant and the resistance 
 nominal value sets the scale.
 
 The parameters are those that explain the duties best (see `lab.duty_model`; nonlinear least squares
-within physical bounds), with a normal prior of each (maximum a posteriori). Standard errors come
+within physical bounds), with a normal prior on each (maximum a posteriori). Standard errors come
 from the sandwich estimator of Liang and Zeger, "Longitudinal data analysis using generalized linear
-models", 1986, over the legs of the motion, because neighbouring windows have similar errors. A
+models", 1986, clustered by leg of the motion, because neighbouring windows have similar errors. A
 parameter whose error stays near its prior is not determined.
 """
 
@@ -123,7 +123,7 @@ class Identification:
 
 
 def gravity_columns(dynamics: Dynamics, q: Matrix) -> Cube:
-    """Compute the gravity torques (n, dof, bodies + 1) by each body and by a payload of 1 kg.
+    """Compute the gravity torques (n, dof, bodies + 1) due to each body and to a 1 kg payload.
 
     Args:
         dynamics: The arm.

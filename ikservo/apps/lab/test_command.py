@@ -36,7 +36,7 @@ from ikservo.cli.terminal import (
     progress_bar,
 )
 from ikservo.cli.terminal_dialogue import Operator
-from ikservo.errors import BadValueError, IkservoError, InputError, format_point
+from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.files.writing import FileWriteError, check_writable, write_atomic
 from ikservo.model import Model
 
@@ -94,12 +94,12 @@ class ReportOptions:
         """Return the path of the report.
 
         Raises:
-            BadValueError: The file exists.
+            InputError: The file exists.
             FileWriteError: The file cannot be written; this is checked before the arm moves.
         """
         path = self.html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
         if path.exists() and not self.overwrite:
-            raise BadValueError("The file", f"{path}, which exists", "a new file, or --overwrite")
+            raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
         try:
             check_writable(path.parent)
         except FileWriteError as error:

@@ -196,7 +196,7 @@ class ViewApp:
         """Check that one of the open arms shows a picture, if a camera was requested.
 
         Raises:
-            IkservoError: The reason why the first of them shows no picture.
+            IkservoError: The reason why the first arm shows no picture.
         """
         arms = [arm for arm in self.arms.all() if arm.is_open]
         if not any(arm.video for arm in arms):

@@ -187,7 +187,7 @@ class ServedArm:
         at_m: tuple[float, float, float] = _OPPOSITE_M,
         rpy_deg: tuple[float, float, float] = _FACING_DEG,
     ) -> None:
-        """Make another arm of the page an obstacle to this one, and this one to it.
+        """Make this arm and another arm of the page obstacles to each other.
 
         Args:
             name: The other arm.

@@ -216,8 +216,8 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
         named = " that it does not name" if arms else ""
         raise InputError(
             f"--scene {scene} belongs to one arm{named}, not to {len(around)}.",
-            "The file uses the base frame of one arm: open that arm with it and the others on "
-            "the page, or add the others to the file as [[arm]].",
+            "The file uses the base frame of one arm: open only that arm with it and the others "
+            "on the page, or add the others to the file as [[arm]].",
         )
     first = names.index(around[0])
     model, other_arms = with_scene_and_arms(places[first].model, scene)
@@ -232,7 +232,7 @@ def _print_arms(app: ViewApp, *, has_camera: bool) -> None:
     """Print which arms could not be opened, or that none is open yet."""
     served = app.arms.all()
     if not served:
-        shown = " The camera's picture is shown with it." if has_camera else ""
+        shown = " The page then shows the camera's picture." if has_camera else ""
         print_status(f"No arm is open. Choose one on the page; that moves nothing.{shown}")
     for each in served:
         if each.error is not None:

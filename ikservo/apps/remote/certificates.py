@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import Endpoint, check_host
 from ikservo.apps.remote.zenoh_session import Certificate
-from ikservo.errors import BadValueError, IkservoError, InputError
+from ikservo.errors import IkservoError, InputError
 from ikservo.files.reading import config_dir
 from ikservo.files.writing import write_all_atomic
 from ikservo.remedies import install_command
@@ -102,12 +102,12 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         The folders.
 
     Raises:
-        BadValueError: There are already certificates, or a host is not valid.
+        InputError: There are already certificates, or a host is not valid.
         IkservoError: The extra ``net`` is not installed.
         FileWriteError: A file cannot be written; earlier certificates are unchanged.
     """
     if (folder / _AUTHORITY).exists() and not overwrite:
-        raise BadValueError("The folder", f"{folder}, which has certificates", "another folder")
+        raise InputError(f"{folder} already has certificates.", "Choose another folder.")
     for host in hosts:
         check_host(host)
     if find_spec("cryptography") is None:

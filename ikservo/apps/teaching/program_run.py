@@ -11,7 +11,7 @@ from ikservo.apps.teaching.program import UNTIL_STOPPED, Program, ProgramStep, r
 from ikservo.apps.teaching.replaying import Replay, position_at_rest
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
-from ikservo.errors import BadValueError, IkservoError, StoppedError
+from ikservo.errors import BadValueError, IkservoError, InputError, StoppedError
 from ikservo.planning.motions import MotionValue, Wait
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
@@ -79,7 +79,7 @@ class ProgramRun:
         has_grasped: Whether the gripper found something when it last moved.
 
     Raises:
-        BadValueError: The program, or one that it calls, is for another arm; or a called program
+        InputError: The program, or one that it calls, is for another arm; or a called program
             calls another one, or is repeated until it is stopped.
         FileFormatError: A called program is malformed.
     """
@@ -103,14 +103,12 @@ class ProgramRun:
         name = arm.context.model.name
         for each in (program, *self._called.values()):
             if each.arm != name:
-                raise BadValueError("The program", f"one for {each.arm}", f"one for {name}")
+                raise BadValueError("The program", f"for {each.arm}", f"a program for {name}")
         for file, called in self._called.items():
-            if called.repeat == UNTIL_STOPPED or any(step.program for step in called.steps):
-                raise BadValueError(
-                    f"The called program {file}",
-                    "one that calls another or never ends",
-                    "steps that end and call no program",
-                )
+            if called.repeat == UNTIL_STOPPED:
+                raise InputError(f"{file} cannot be called: it repeats until it is stopped.")
+            if any(step.program for step in called.steps):
+                raise InputError(f"{file} cannot be called: it calls another program itself.")
         self._on_wait = on_wait
         self._stop_count = arm.background.stop_count
         self._has_moved = False  # torque may be off before the first motion
@@ -134,7 +132,7 @@ class ProgramRun:
             first: The step to begin with, from 1.
 
         Raises:
-            BadValueError: There is no such step, or there are too many to check.
+            InputError: There is no such step, or there are too many to check.
             CalibrationError: The arm is not calibrated.
             StoppedError: A stop was requested.
         """
@@ -144,8 +142,9 @@ class ProgramRun:
         stop_count = self._arm.background.stop_count
         for count, each in enumerate(self._checked_steps(self._program, self._folder, begin)):
             if count >= MAX_CHECKS:
-                raise BadValueError(
-                    "The number of steps to check", f"above {MAX_CHECKS}", "fewer steps or places"
+                raise InputError(
+                    f"The program has more than {MAX_CHECKS} steps with its repetitions.",
+                    "Use fewer steps or places.",
                 )
             error: IkservoError | None = None
             context = self._arm.context

@@ -36,7 +36,7 @@ from ikservo.arm.other_process import query_state
 from ikservo.calibration.calibration_file import dump_calibration, load_calibration
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, Rate, RealClock
-from ikservo.errors import BadValueError, FileFormatError, IkservoError
+from ikservo.errors import BadValueError, FileFormatError, IkservoError, InputError
 from ikservo.files.reading import parse_path, require_file
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.kinematics import Chain
@@ -79,10 +79,10 @@ class RecordSettings:
         """The longest duration.
 
         Raises:
-            BadValueError: No end is given, or the end is not after the start.
+            InputError: No end is given, or the end is not after the start.
         """
         if self.duration_s is None and self.until is None:
-            raise BadValueError("The recording", "without an end", "duration_s or until")
+            raise InputError("The recording has no end.", "Give duration_s or until.")
         if self.duration_s is None:
             return math.inf
         max_s = parse_number("The duration", self.duration_s)
@@ -212,7 +212,7 @@ def record(
     """Write the results of ``measure`` to a file at a fixed rate.
 
     Raises:
-        BadValueError: There is no end, or a number is out of its range.
+        InputError: There is no end, or a number is out of its range.
         InputError: The file exists.
         FileWriteError: The file cannot be written.
         PortError: Foxglove cannot be served at that port.

@@ -153,4 +153,6 @@ def _announce_teaching(machine: OpenArm, name: str, *, now: bool, hold: bool) ->
         print_status(f'The present pose is saved as "{name}"; {last}.')
         return
     first = "The arm is lowered and its torque goes off" if stiff else "Torque stays off"
-    print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", and {last}.')
+    print_status(
+        f'{first}; move the arm by hand. Press Enter to save its pose as "{name}"; then {last}.'
+    )

@@ -109,8 +109,8 @@ def command(
     posed = tool.keep or {tool.pitch_rad, tool.roll_rad, tool.within_rad} != {None}
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
-            "--pitch, --roll, --keep and --within cannot be combined with these options.",
-            "Use them without --all, --compare, --trace, --method and --tool-axis.",
+            "--pitch, --roll, --keep and --within cannot be combined with --all, --compare, "
+            "--trace, --method or --tool-axis."
         )
     if (preferred.prefer or preferred.weight) and (
         posed or everything or comparison or method not in LEANING

@@ -149,7 +149,7 @@ def test_terminal_asks_for_each_plan_and_ends_with_server(open_session, monkeypa
         answer_in_terminal()
 
 
-def test_owner_who_allows_nothing_is_never_asked(open_session):
+def test_consent_nothing_refuses_motions_without_asking(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         plan = session.plan(move_to={"position_m": NEAR})
         assert "allows no motion" in session.call("execute", plan_id=plan)
@@ -188,7 +188,7 @@ def test_terminal_reports_server_that_has_ended(monkeypatch):
         answer_in_terminal()
 
 
-def test_refusal_ends_an_earlier_consent():
+def test_plan_refusal_withdraws_earlier_consent():
     store = PlanStore(VirtualClock())
     plan = store.offer(OfferedPlan([Wait(1.0)], None, ["wait"]))
     for answer in (Answer.YES, Answer.NO, Answer.YES):
@@ -198,7 +198,7 @@ def test_refusal_ends_an_earlier_consent():
         store.take(plan.id)
 
 
-def test_ending_server_keeps_stored_address_of_later_server(open_session):
+def test_server_that_ends_keeps_address_of_newer_server(open_session):
     with open_session() as session, consent_server(session.agent):
         with consent_server(session.agent) as later:
             pass

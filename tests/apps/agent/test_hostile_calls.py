@@ -250,7 +250,7 @@ def test_flood_of_calls_is_refused_but_stop_is_not(simulated):
     assert all("busy" in each.content[0].text for each in refused)
 
 
-def test_cancelled_call_stops_the_arm(open_session):
+def test_cancelled_agent_call_stops_the_arm(open_session):
     with open_session(port="sim:?pose=home&paced=1") as session:
         session.agent.arm.enable()  # a limp arm sinks between plan and motion
         far = session.plan(move_joints={"positions": {"shoulder_pan": 1.5}, "speed": "slow"})
@@ -264,7 +264,7 @@ def test_cancelled_call_stops_the_arm(open_session):
         assert 0.02 < abs(session.agent.arm.where().positions["shoulder_pan"]) < 1.4
 
 
-def test_names_and_texts_are_quoted_as_data(simulated):
+def test_names_and_texts_of_agent_are_quoted_as_data(simulated):
     place = {"center_m": [0.1, 0.3, 0.1], "radius_m": 0.02}
     added = simulated.call("scene_add", kind="sphere", name=INJECTION[:40], **place)
     assert "\x1b" not in json.dumps(added, ensure_ascii=False)
@@ -305,7 +305,7 @@ def test_where_and_stop_answer_while_the_arm_moves(open_session):
         assert "The agent stopped the arm" in result.content[0].text
 
 
-def test_refused_resources_do_not_delay_a_stop(simulated):
+def test_refused_resource_requests_do_not_delay_a_stop(simulated):
     async def flood(client):
         async def ask():
             with pytest.raises(MCPError):

@@ -24,20 +24,20 @@ def test_wrong_options_are_refused_before_anything_moves(run_cli, options, words
     assert words in done.err
 
 
-def test_missing_package_names_the_command_that_installs_it(run_cli, monkeypatch):
+def test_missing_package_error_names_install_command(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.agent.mcp_command.find_spec", lambda _: None)
     done = run_cli("mcp so101 --port sim")
     assert done.code == 2
     assert "[agent]" in done.err
 
 
-def test_approve_without_server_says_what_to_start(run_cli):
+def test_approve_error_without_server_says_what_to_start(run_cli):
     done = run_cli("mcp --approve")
     assert done.code == 2
     assert "Start `ikservo mcp` first" in done.err
 
 
-def test_damaged_journal_names_its_line(run_cli, tmp_path):
+def test_damaged_journal_error_names_line(run_cli, tmp_path):
     file = tmp_path / "journal.jsonl"
     file.write_text('{"time": "2026-01-01T00:00:00.000", "event": "done", "plan": "a\\u001b"}\nx\n')
     done = run_cli(f"mcp --replay --journal {file}")

@@ -79,7 +79,7 @@ def test_agent_cannot_remove_things_of_the_owner(simulated):
     assert len(simulated.call("scene_remove", name="ball")["result"]) == 1
 
 
-def test_explain_tells_why_a_point_is_refused(simulated):
+def test_explain_tool_says_why_a_point_is_refused(simulated):
     assert "cannot be reached" in simulated.plan(move_to={"position_m": [1.5, 0.0, 0.1]})
     (refusal,) = simulated.call("explain")["result"]
     assert refusal["kind"] == "UnreachableError"
@@ -113,7 +113,7 @@ def test_program_is_checked_then_run_as_one_plan(simulated):
     ("text", "words"),
     [
         ("x", "is not TOML"),
-        ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "one for koch"),
+        ('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n', "is for koch"),
         (
             'format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n',
             "repetitions is 1000",
@@ -230,7 +230,7 @@ def test_long_errors_to_the_agent_are_truncated(simulated):
     assert len(json.dumps(simulated.call("explain"))) < 1500
 
 
-def test_person_ends_a_stop_even_if_the_journal_is_full(simulated, monkeypatch):
+def test_person_acknowledges_stop_even_if_journal_is_full(simulated, monkeypatch):
     simulated.call("stop")
     monkeypatch.setattr("ikservo.apps.agent.agent_journal.MAX_BYTES", 10)
     simulated.agent.acknowledge("a person")

@@ -107,7 +107,7 @@ def test_arm_that_never_rests_times_out_with_clear_message():
 @pytest.mark.parametrize(
     ("text", "line"), [("jump\n", 1), ("accept\n# a remark\n\nagian elbow\n", 4)]
 )
-def test_error_names_line_of_mistake_in_script(tmp_path, text, line):
+def test_calibration_script_error_names_line(tmp_path, text, line):
     path = tmp_path / "script"
     path.write_text(text)
     with pytest.raises(FileFormatError) as caught:
@@ -127,7 +127,7 @@ def test_scripted_accept_without_effect_is_repeated_later():
     assert answers == [None, "accept", None, None, "accept"]
 
 
-def test_one_narrow_sweep_of_two_joints_takes_the_longer_wait():
+def test_one_narrow_sweep_of_two_joints_waits_the_longer_time():
     hand = Hand(subject(), subject("wrist", 2)).rest().accept()
     hand.move(1000, 1).move(-2000, 1).move(500, 2).move(-1000, 2)
     assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(4.0, abs=0.03), "accept")

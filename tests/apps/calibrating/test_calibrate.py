@@ -233,7 +233,7 @@ def test_calibrate_asks_before_it_switches_torque_off(mount_arm, run_cli, home):
     assert arm.register(1, "torque_enable") == 1
 
 
-def test_unknown_pose_names_known_poses(mount_arm, run_cli):
+def test_unknown_pose_error_lists_known_poses(mount_arm, run_cli):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose folded --yes")
     assert done.code == 2
     assert "home, rest, zero" in done.err

@@ -283,7 +283,7 @@ def test_stopped_auto_calibration_names_revert_command(arm, narrow, run_cli):
 
 
 @pytest.mark.full
-def test_end_stops_of_joints_without_stops_are_not_searched(monkeypatch, run_cli):
+def test_joint_without_end_stops_is_not_driven_to_search_one(monkeypatch, run_cli):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")

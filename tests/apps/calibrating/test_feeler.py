@@ -22,7 +22,7 @@ def standing(seconds, goal=AHEAD, load=LOUD):
     return [(0.02 * k, 0.0, goal, load) for k in range(int(seconds / 0.02) + 1)]
 
 
-def test_resting_joint_that_presses_behind_goal_is_at_stop():
+def test_loaded_joint_at_rest_short_of_goal_is_at_stop():
     assert after(standing(0.3)) is ContactState.STOP
 
 
@@ -94,7 +94,7 @@ def test_change_below_three_ticks_is_not_motion(way, step_rad, stands):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("behind_rad", "stop"), [(0.12, True), (0.1199, False)])
-def test_end_stop_needs_joint_0_12_rad_behind_its_goal(way, behind_rad, stop):
+def test_end_stop_needs_lag_of_0_12_rad_behind_goal(way, behind_rad, stop):
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 0.0, 0.0, 0.0)
@@ -103,7 +103,7 @@ def test_end_stop_needs_joint_0_12_rad_behind_its_goal(way, behind_rad, stop):
     assert (feeler.contact is ContactState.STOP) is stop
 
 
-def test_distance_to_goal_is_measured_from_standing_position():
+def test_distance_to_goal_is_measured_from_position_at_rest():
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 1.0, 1.02, 32.0)

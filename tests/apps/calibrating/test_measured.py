@@ -101,12 +101,12 @@ def test_skipped_or_continuous_joint_keeps_arm_file_travel(word):
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
 
 
-def test_joint_moved_by_its_servos_is_marked_by_itself():
+def test_joint_moved_by_its_servos_is_marked_as_self_swept():
     driven = replace(Hand(subject()).rest().accept().move(900).state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_driven_joint_of_known_travel_is_marked_by_itself():
+def test_driven_joint_of_known_travel_is_marked_as_self_swept():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
     driven = replace(hand.state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"

@@ -69,8 +69,10 @@ def test_joint_reaches_goal_for_any_mounting(mount_arm):
 
 
 @pytest.mark.parametrize("boots_at", [-0.4, 0.0, 0.4])
-def test_multi_turn_servo_is_found_on_its_turn_after_boot(mount_arm, boots_at):
-    arm = mount_arm("planar3", zero=0.0, sign=1)  # the seam lies in the middle of each travel
+def test_multi_turn_servo_position_is_on_right_turn_after_boot(mount_arm, boots_at):
+    arm = mount_arm(
+        "planar3", zero=0.0, sign=1
+    )  # the wrap-around lies in the middle of each travel
     for joint in arm.world.joints:
         arm.world.place(joint.name, arm.joint(joint.name).position + boots_at)
     arm.power_cycle()
@@ -83,7 +85,7 @@ def test_multi_turn_servo_is_found_on_its_turn_after_boot(mount_arm, boots_at):
             assert found == pytest.approx(arm.true_position(joint.name), abs=0.004)
 
 
-def test_limits_name_sweep_or_arm_file_not_servo_register(mount_arm):
+def test_limit_source_is_sweep_or_arm_file_not_servo_register(mount_arm):
     with opened(mount_arm("so101")) as machine:
         sources = {state.limit_from for state in machine.where().joints}
     assert any("hand sweep of 2026-11-02" in source for source in sources)

@@ -67,7 +67,7 @@ def test_servo_keeps_its_mode_if_travel_allows_it(mode):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_sign_shown_by_hand_is_saved_as_by_hand(sign):
+def test_sign_found_by_hand_is_saved_with_source_by_hand(sign):
     joint = JointMap.revolute("elbow", 1, sign, 2048, TURN)
     found = saved(swept(replace(subject(), joint_map=joint), up=1000 if sign > 0 else -1000))
     assert (found.sign, found.sign_from) == (sign, "by hand")
@@ -132,7 +132,7 @@ def test_two_servos_of_joint_are_set_to_position_mode():
     assert [found.memory[i]["operating_mode"] for i in (1, 2)] == [3, 3]
 
 
-def test_a_travel_across_the_seam_is_refused_for_two_servos():
+def test_travel_across_wrap_around_is_refused_for_two_servos():
     with pytest.raises(CalibrationError, match="two servos on one joint cannot both use multi-"):
         build(swept(start=100, shadow=100))
 
@@ -149,13 +149,13 @@ def test_servos_of_joint_more_than_1024_ticks_apart_are_refused(apart):
 
 
 @pytest.mark.parametrize(("down", "up", "apart"), [(1500, 100, 548), (100, 1500, -547)])
-def test_second_servo_travel_may_reach_encoder_seam(down, up, apart):
+def test_second_servo_travel_may_reach_wrap_around(down, up, apart):
     # it goes from its tick 0, or to its tick 4095
     found = build(swept(shadow=2048 - apart, down=down, up=up))
     assert found.memory[2]["homing_offset"] == apart
 
 
 @pytest.mark.parametrize(("down", "up", "apart"), [(1500, 100, 549), (100, 1500, -548)])
-def test_second_servo_travel_across_encoder_seam_is_refused(down, up, apart):
+def test_second_servo_travel_across_wrap_around_is_refused(down, up, apart):
     with pytest.raises(CalibrationError, match=f"Servo 2 of elbow is {apart} ticks off servo 1;"):
         build(swept(shadow=2048 - apart, down=down, up=up))

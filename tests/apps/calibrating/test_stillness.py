@@ -20,7 +20,7 @@ def test_arm_is_still_after_half_a_second(until_s, still):
 
 
 @pytest.mark.parametrize(("step_s", "still"), [(0.164, False), (0.168, True)])
-def test_stillness_counts_half_second_from_any_start_time(step_s, still):
+def test_arm_is_still_after_half_second_at_any_start_time(step_s, still):
     assert after([(9.0 + step_s * k, 7, 9) for k in range(4)]).is_at_rest() is still
 
 
@@ -44,13 +44,13 @@ def test_stillness_forgets_readings_older_than_half_second():
     assert moved.readings[0][0] == 0.25
 
 
-def test_stillness_keeps_reading_that_starts_half_second():
+def test_stillness_keeps_reading_that_begins_half_second_window():
     rare = after([(0.0, 7, 9), (0.375, 7, 9), (0.75, 7, 9)])
     assert [at_s for at_s, _ in rare.readings] == [0.0, 0.375, 0.75]
     assert rare.is_at_rest()
 
 
-def test_mean_ticks_average_the_readings():
+def test_mean_ticks_are_the_mean_of_the_readings():
     assert after([(0.0, 10, 0), (0.25, 11, 2), (0.5, 15, 4)]).mean_ticks() == {1: 12.0, 2: 2.0}
 
 

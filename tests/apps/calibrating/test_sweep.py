@@ -146,7 +146,7 @@ def test_sign_is_recorded_only_for_requested_joint():
     assert hand.state.signs == {"a": 1}
 
 
-def test_range_is_tracked_across_encoder_seam():
+def test_range_is_tracked_across_encoder_wrap_around():
     hand = Hand(subject(), start=50).rest().accept().move(900).move(-1900).move(900)
     track = hand.state.tracks[1]
     assert (track.low, track.high) == (50 - 1000, 50 + 900)

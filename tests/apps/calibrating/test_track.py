@@ -20,13 +20,13 @@ def test_tracker_is_lost_if_gap_allows_turn_the_other_way(way, gap_s, lost):
     assert RangeTracker.start_at(TURN, 2000, 5.0).update(2000 + way * 256, 5.0 + gap_s).lost is lost
 
 
-def test_tracker_counts_on_across_encoder_seam():
+def test_tracker_counts_on_across_encoder_wrap_around():
     track = RangeTracker.start_at(TURN, 4000, 0.0).update(100, 0.02)
     assert (track.tick, track.low, track.high, track.lost) == (4196, 4000, 4196, False)
 
 
 @pytest.mark.parametrize("gap_s", [0.02, 60.0])
-def test_tracker_of_potentiometer_is_never_lost(gap_s):
+def test_potentiometer_tracker_never_loses_its_turn(gap_s):
     track = RangeTracker.start_at(0, 10, 0.0).update(1020, gap_s)
     assert (track.lost, track.low, track.high, track.width) == (False, 10, 1020, 1010)
 
@@ -49,7 +49,7 @@ def test_unwrapped_count_widens_range_by_any_step():
 
 
 @pytest.mark.parametrize(("now", "earlier"), [(False, True), (True, False)])
-def test_combined_range_is_lost_if_either_range_was(now, earlier):
+def test_combined_range_is_lost_if_either_range_is_lost(now, earlier):
     one = RangeTracker(TURN, 5, 0, 9, 1.0, lost=now)
     both = one.with_range_of(RangeTracker(TURN, 50, 40, 60, 0.0, lost=earlier))
     assert (both.tick, both.low, both.high, both.lost) == (5, 40, 60, True)

@@ -75,7 +75,7 @@ def test_invisible_points_are_refused_in_one_sentence(arm):
         arm.camera.pixel((2.0, 0.5, 0.8))
 
 
-def test_a_camera_that_has_moved_is_refused_until_it_is_back(arm):
+def test_moved_camera_is_refused_until_it_is_moved_back(arm):
     _, known = load_camera("so101", SIMULATED)
     check = CameraCheck(seen=SEEN, off_mm=20, moved_mm=31.4, turned_deg=2.0, has_moved=True)
     save_camera("so101", SIMULATED, known.model_copy(update={"check": check}))

@@ -47,7 +47,7 @@ def test_camera_check_finds_camera_unmoved(run_cli):
     assert "has not moved" in run_cli(f"camera check {ARM} --camera sim").out
 
 
-def test_moved_camera_is_detected_and_refused_until_back(run_cli, move_camera):
+def test_moved_camera_is_detected_and_refused_until_moved_back(run_cli, move_camera):
     back = move_camera([0.01, 0.0, 0.0])
     found = run_cli(f"camera check {ARM} --camera sim --json")
     assert (found.code, found.json["moved"]) == (6, True)
@@ -111,9 +111,9 @@ def test_look_prints_point_of_pixel_and_moves_there(run_cli, camera):
         (f"look 480 x {LOOK}", 2, "'x' is not a number of pixels"),
         (f"look nan 4 {LOOK}", 2, "nan is not a number"),
         (f"look 480 100 {LOOK} --height 3m", 2, "does not meet the table"),
-        (f"look 480 400 {LOOK} --dry-run", 2, "--move with it"),
-        (f"look 480 400 {LOOK} --pitch -90", 2, "given without --move"),
-        (f"look 480 400 {LOOK} --keep-above 0.02", 2, "given without --move"),
+        (f"look 480 400 {LOOK} --dry-run", 2, "only applies with --move"),
+        (f"look 480 400 {LOOK} --pitch -90", 2, "only apply with --move"),
+        (f"look 480 400 {LOOK} --keep-above 0.02", 2, "only apply with --move"),
         ("look 480 400 --arm koch --port sim", 6, "calibrate the camera: ikservo calibrate koch"),
         ("camera check koch --port sim --camera sim", 6, "koch has no calibrated camera"),
         (f"camera check {ARM}", 2, "Add: --camera 0"),

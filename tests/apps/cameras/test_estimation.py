@@ -31,7 +31,7 @@ def test_camera_fit_finds_hidden_arms_to_1_mm(make_arm):
 
 
 @pytest.mark.full
-def test_error_of_left_out_samples_matches_new_samples(make_arm):
+def test_leave_one_out_error_matches_error_of_new_samples(make_arm):
     arm = make_arm(1)
     estimate = estimate_camera(arm.known, arm.samples(across_m=0.001))
     fresh = estimate.fit.residuals(arm.samples(50, across_m=0.001))
@@ -62,7 +62,7 @@ def test_undetermined_parameters_are_kept_and_marked(make_arm):
     assert named["shoulder_lift compliance"].is_determined
 
 
-def test_last_zero_seen_only_through_bending_is_left_at_0(monkeypatch):
+def test_last_zero_visible_only_through_bending_is_left_at_0(monkeypatch):
     model, chance = load_model("open_manipulator_x"), np.random.default_rng(1)
     lifts = np.array([0.0, 1.0, 1.0, 1.0])
     bending = Bending(
@@ -89,7 +89,7 @@ def test_compliances_are_found_and_never_negative(make_arm):
 
 @pytest.mark.full
 @pytest.mark.parametrize("wrong", [(3,), (0, 7, 19, 20)])
-def test_wrong_pictures_are_rejected_without_effect(make_arm, wrong):
+def test_wrong_pictures_are_rejected_and_do_not_affect_fit(make_arm, wrong):
     arm = make_arm(5)
     samples = arm.samples()
     right = [sample for i, sample in enumerate(samples) if i not in wrong]

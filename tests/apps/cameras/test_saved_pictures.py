@@ -78,7 +78,7 @@ def test_empty_picture_folder_is_refused(tmp_path, run_cli):
 def test_folder_without_index_or_extra_options_are_refused(tmp_path, run_cli):
     missing = run_cli(f"{REPEAT} {tmp_path}")
     assert (missing.code, "pictures.toml" in missing.err) == (2, True)
-    assert "Leave the others out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
+    assert "Leave those out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
     assert "moves nothing" in run_cli(f"{REPEAT} {tmp_path} --touch").err
 
 

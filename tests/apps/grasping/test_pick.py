@@ -105,7 +105,7 @@ def test_gripper_shapes_without_space_between_jaws_are_refused(monkeypatch):
         find_jaws(load_model("so101"))
 
 
-def test_pick_that_finds_nothing_says_so_and_opens_again(so101):
+def test_pick_that_finds_nothing_reports_it_and_opens_jaws(so101):
     with pytest.raises(RefusedError, match="found nothing at"):
         so101.pick((0.24, 0.05, 0.0175), size_m=CUBE)
     assert so101.where().tip_m[2] > 0.06

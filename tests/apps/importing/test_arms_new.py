@@ -138,7 +138,7 @@ def test_imported_base_stands_on_table(make, tmp_path):
     assert model.floor_m == pytest.approx(-0.08, abs=0.002)  # half the bar below its middle
 
 
-def test_base_option_leaves_out_links_not_attached_to_it(make, tmp_path):
+def test_base_option_excludes_links_not_attached_to_base(make, tmp_path):
     assert make("--base turret").code == 0
     model = ikservo.load_model(tmp_path / "mine")
     assert model.urdf.root == "turret"
@@ -187,7 +187,7 @@ def test_import_options_override_automatic_choices(make, tmp_path):
     np.testing.assert_allclose(T[:3, 0], (0.0, 1.0, 0.0), atol=1e-12)
 
 
-def test_import_with_two_tips_makes_two_arms_with_own_ids(run_cli, tmp_path):
+def test_import_with_two_tips_makes_two_arms_with_distinct_ids(run_cli, tmp_path):
     links = ["<link name='base'/>"]
     for side, y in (("left", 0.2), ("right", -0.2)):
         parent = "base"
@@ -249,7 +249,7 @@ def test_import_finds_files_relative_to_current_folder(make, source, monkeypatch
     assert "is left out" not in found.out
 
 
-def test_sliding_joint_with_huge_limits_gets_usable_ones(make, source, tmp_path):
+def test_sliding_joint_with_huge_limits_gets_usable_limits(make, source, tmp_path):
     old = joint("lift", "revolute", "turret", "upper arm", limit=LIMIT)
     endless = '<limit lower="-50" upper="-3" effort="1" velocity="1"/>'
     source.write_text(published().replace(old, joint(

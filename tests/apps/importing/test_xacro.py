@@ -94,7 +94,7 @@ def test_load_model_never_runs_xacro(path, no_child):
     assert f"ikservo arms new NAME --from {path}" in caught.value.hint
 
 
-def test_macro_in_urdf_names_import_command(path, no_child):
+def test_urdf_macro_error_names_import_command(path, no_child):
     plain = path.rename(path.with_suffix(""))
     with pytest.raises(FileFormatError, match="macros are not expanded") as caught:
         ikservo.load_model(plain, tip="arm")

@@ -124,7 +124,7 @@ def test_stopped_accuracy_test_keeps_its_measurements(run_cli, folder, monkeypat
         ("--drift 0", "not a time above 0"),
         ("--drift nan", "is not a time"),
         ("--parts poses,lines", "no part of the test named 'lines'"),
-        ("--html there.html", "there.html, which exists"),
+        ("--html there.html", "there.html exists."),
     ],
 )
 def test_bad_accuracy_test_settings_move_nothing(run_cli, folder, words, message):

@@ -68,7 +68,7 @@ def test_path_crossings_are_interpolated_in_normal_planes():
     np.testing.assert_allclose(found, [[0.0, 3.0, 0.0], [2.0, 4.0, 0.0]])
 
 
-def test_nearest_of_several_path_crossings_counts():
+def test_nearest_of_several_path_crossings_is_used():
     angles = np.linspace(0.0, 4.0 * math.pi, 4001)
     circle = np.column_stack([1.1 * np.cos(angles), 1.1 * np.sin(angles), 0 * angles])
     found = path_crossings(circle, [[0.0, 1.0, 0.0]], [[-1.0, 0.0, 0.0]])

@@ -77,7 +77,7 @@ def raw_gains(arm, servo):
 
 
 @pytest.mark.campaign
-def test_suggested_gains_follow_better_and_old_ones_return(arm):
+def test_suggested_gains_track_better_and_old_gains_return(arm):
     servo, bus = servo_of(arm, "shoulder_lift"), arm.context.servos.bus
     before = raw_gains(arm, servo)
     with keeping_gains(bus, servo) as present:

@@ -108,14 +108,14 @@ def test_listen_address_must_be_one_specific_address(listen):
         ViewApp([ArmAtPort(load_model("planar2"), "sim")], listen)
 
 
-def test_each_key_gives_its_own_permission():
+def test_each_access_key_gives_its_own_permission():
     keys, nonce = AccessTokens.generate(), new_nonce()
     assert keys.authorise(nonce, challenge_response(keys.control, nonce)) is Permission.CONTROL
     assert keys.authorise(nonce, challenge_response(keys.watch, nonce)) is Permission.WATCH
 
 
 @pytest.mark.parametrize("shown", ["", "0" * 64, "ü" * 64])
-def test_wrong_proof_does_not_give_permission(shown):
+def test_wrong_key_proof_does_not_give_permission(shown):
     assert AccessTokens.generate().authorise(new_nonce(), shown) is None
 
 
@@ -128,5 +128,5 @@ def test_keys_have_at_least_128_bits():
     assert len(AccessTokens.generate().control) * 6 >= 128
 
 
-def test_keys_of_two_sessions_differ():
+def test_access_keys_of_two_sessions_differ():
     assert AccessTokens.generate() != AccessTokens.generate()

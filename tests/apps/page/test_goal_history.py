@@ -103,7 +103,7 @@ def test_undo_in_live_moves_arm_back(session):
 
 
 @pytest.mark.full
-def test_previewed_goal_is_the_one_executed(session):
+def test_executed_goal_equals_previewed_goal(session):
     session.send_message(page_messages.SetSpeed, name="fast")
     set_roll(session, 35.0)
     session.send_message(page_messages.SetJoint, joint="gripper", value=50.0)

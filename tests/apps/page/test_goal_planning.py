@@ -236,7 +236,7 @@ def test_outdated_path_is_planned_again_instead_of_executed(session, change, rea
     assert math.degrees(true_joints(session.arm)["shoulder_pan"]) == pytest.approx(38.0, abs=1)
 
 
-def test_path_shown_after_stop_is_executed_at_once(session):
+def test_path_shown_after_stop_is_executed_without_replanning(session):
     """It is planned at slow speed, because torque may be off before the arm moves."""
     session.arm.move_joints({"wrist_roll": 0.1})
     session.send_message(page_messages.SetSpeed, name="fast")

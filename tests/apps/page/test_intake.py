@@ -81,7 +81,7 @@ def test_pointer_motion_on_old_picture_is_dropped_silently(intake, phase):
     assert not isinstance(caught.value, StalePressError)
 
 
-def test_late_message_that_page_is_hidden_is_accepted(intake):
+def test_late_page_hidden_message_is_accepted(intake):
     intake.record_sent(0.0)
     assert not intake.accept(text(1, kind="heartbeat", visible=False), 9.0).visible
 
@@ -103,7 +103,7 @@ def test_message_about_latest_scene_is_never_too_old(intake):
     assert intake.accept(text(1, 1, **POINTER), 9.0).x == 1
 
 
-def test_message_about_scene_never_sent_is_refused(intake):
+def test_message_that_refers_to_unsent_scene_is_refused(intake):
     with pytest.raises(BadMessageError, match="never sent"):
         intake.accept(text(1, 7), 0.0)
 
@@ -158,7 +158,7 @@ def test_a_malformed_message_is_refused(intake, words):
         intake.accept(words, 0.0)
 
 
-def test_refused_message_does_not_use_up_its_number(intake):
+def test_refused_message_does_not_use_up_sequence_number(intake):
     with pytest.raises(BadMessageError):
         intake.accept(text(1, kind="fly"), 0.0)
     assert intake.accept(text(1), 0.0).seq == 1

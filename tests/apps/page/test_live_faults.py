@@ -82,7 +82,7 @@ def test_hot_servo_is_reported_with_page_hint(arm, celsius):
 
 
 @pytest.mark.full
-def test_hot_arm_lowered_by_itself_is_reported_limp():
+def test_hot_arm_that_lowers_itself_is_reported_limp():
     notice = reported_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
     assert notice.message.endswith("torque is off, the arm is limp.")
 

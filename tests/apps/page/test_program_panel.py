@@ -340,7 +340,7 @@ def test_bad_program_files_and_steps_are_refused(session, own_folder):
     (own_folder / "other.toml").write_text('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n')
     for kind, fields, words in [
         (msg.ProgramFile, {"action": "load", "name": "broken"}, r"step 1, wait_s"),
-        (msg.ProgramFile, {"action": "load", "name": "other"}, "one for koch"),
+        (msg.ProgramFile, {"action": "load", "name": "other"}, "for koch"),
         (msg.ProgramFile, {"action": "load", "name": "none"}, "no program"),
         (
             msg.ProgramFile,

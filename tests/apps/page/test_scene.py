@@ -108,7 +108,7 @@ def test_scene_thing_blocks_arm_and_is_drawn_on_page(scene):
         (SCENE + ARM.replace("the second", "the ball"), "repeats"),
     ],
 )
-def test_a_malformed_scene_names_the_key(scene, text, where):
+def test_malformed_scene_error_names_key(scene, text, where):
     with pytest.raises(FileFormatError, match=where):
         read_scene(scene(text))
 
@@ -166,7 +166,7 @@ def test_written_scene_is_read_back_with_same_shapes(scene, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "half_space"])
-def test_thing_is_described_with_sizes_it_was_made_from(scene, kind):
+def test_thing_description_has_its_original_sizes(scene, kind):
     no_margin = SCENE.replace("margin_m = 0.01", "")
     thing = {"box": 0, "cylinder": 1, "sphere": 2, "half_space": 3}[kind]
     found, sizes = describe_thing(read_scene(scene(no_margin))[thing])

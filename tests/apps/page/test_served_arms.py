@@ -166,7 +166,7 @@ def test_arm_at_unknown_or_used_port_is_refused(two_arms, monkeypatch):
     assert [arm.name for arm in arms.all()] == ["so101", "koch"]
 
 
-def test_watcher_sees_and_stops_arms_and_opens_and_closes_none(two_arms):
+def test_watcher_can_stop_arms_but_not_open_or_close_them(two_arms):
     arms, listed = two_arms
     client = listed.connect(Permission.WATCH)
     assert set(said(listed, client)) == {"so101", "koch"}

@@ -167,7 +167,7 @@ def test_key_of_another_session_is_refused(visit, controller):
     assert not controller.rights
 
 
-def test_overheard_proof_is_refused(visit, keys, controller):
+def test_key_proof_of_another_connection_is_refused(visit, keys, controller):
     overheard = challenge_response(keys.control, visit().nonce)
     client = visit()
     client.send(json.dumps({"kind": "hello", "proof": overheard}))
@@ -239,14 +239,14 @@ def test_disconnected_client_is_forgotten(visit, controller, keys, url):
 
 
 @pytest.mark.parametrize(("full", "free"), [("watch", "control"), ("control", "watch")])
-def test_sixteen_clients_of_one_key_leave_other_key_free(visit, keys, full, free):
+def test_sixteen_clients_of_one_key_do_not_block_other_key(visit, keys, full, free):
     for _ in range(16):
         visit().prove(getattr(keys, full)).receive_kind("scene")
     assert visit().prove(getattr(keys, full)).closing_code() == 1013
     assert visit().prove(getattr(keys, free)).receive_kind("scene")
 
 
-def test_unproven_clients_do_not_lock_out_key_holder(visit, keys):
+def test_unauthenticated_clients_do_not_lock_out_key_holder(visit, keys):
     strangers = [visit() for _ in range(16)]
     visit().prove(keys.control).receive_kind("scene")
     assert strangers[0].closing_code() == 1013

@@ -184,7 +184,7 @@ def test_servo_commands_beyond_queue_limit_are_refused(session):
         press_without_end()
 
 
-def test_servo_with_torque_on_at_start_is_reported_so(monkeypatch):
+def test_servo_with_torque_on_at_start_is_shown_as_torque_on(monkeypatch):
     transport = make_transport({7: "XL430-W250"})
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_, **__: transport)
     session = opened(None, "/dev/ttyUSB7")

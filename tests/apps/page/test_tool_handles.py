@@ -99,7 +99,7 @@ def test_arrow_shifts_tip_and_keeps_pitch(session, keeps_heading):
     assert (turned_rad < NEAR_RAD) is keeps_heading
 
 
-def test_tool_drag_in_preview_moves_nothing_and_is_one_undo(session):
+def test_tool_drag_in_preview_moves_nothing_and_is_one_undo_step(session):
     before = registers(session.arm, "goal_position")
     drag_by(session, shift=(0.0, 0.03, 0.0))
     session.run(cycles=20)

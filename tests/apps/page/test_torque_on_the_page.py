@@ -69,7 +69,7 @@ def test_stop_of_limp_resting_arm_does_not_need_acknowledgement(limp):
     assert limp.arm.stop_reason is None
 
 
-def test_stop_of_limp_arm_drops_waiting_commands(limp):
+def test_stop_of_limp_arm_drops_queued_commands(limp):
     limp.send_message(page_messages.SetTorque, joint="wrist_roll", on=True)
     limp.send_message(page_messages.Stop)
     limp.arm_thread.step()

@@ -75,7 +75,7 @@ def test_calibration_screens_follow_stages_until_saved(screens, tmp_path):
 @pytest.mark.parametrize(
     ("screens", "narrow"), [("accept", False), ("protect", True)], indirect=["screens"]
 )
-def test_servo_limits_are_written_only_with_protect_answer(screens, narrow):
+def test_servo_limits_are_written_only_if_user_answers_protect(screens, narrow):
     saved = read_calibration(Path(screens["saved"]["lines"][0]))
     held_ticks = [joint.servo.holds["max_position_limit"] for joint in saved.joints]
     assert (max(held_ticks) < WHOLE_TURN) is narrow

@@ -632,7 +632,7 @@ def test_second_click_at_same_place_grabs_link_behind():
         drag.release()
 
 
-def test_selected_link_behind_is_the_one_dragged():
+def test_drag_moves_selected_link_behind_others():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     drag.select_next(px, view_state)

@@ -210,7 +210,7 @@ def test_link_three_pixels_from_pointer_is_not_picked():
     assert ball_beside_the_pointer(3.1) == ()
 
 
-def test_link_under_pointer_is_preferred_to_nearer_one_beside():
+def test_link_under_pointer_is_preferred_to_nearer_neighbour():
     assert selected(ball_beside_the_pointer(1.5, behind=[("wall", 9.5)])).link == "wall"
 
 
@@ -254,7 +254,7 @@ def test_pick_hit_projects_to_pixel_where_it_was_found(kind, camera, seed):
 @pytest.mark.parametrize("kind", KINDS)
 @laws
 @given(cameras, st.integers(0, 2**32 - 1))
-def test_pick_hit_is_the_pixel_of_link_nearest_to_pointer(kind, camera, seed):
+def test_pick_returns_pixel_of_link_nearest_to_pointer(kind, camera, seed):
     """No ray of a coarser grid over the square meets the link nearer to the pointer."""
     random, half_px = np.random.default_rng(seed), 20.0
     shapes = {link: random_shape(random, 12, kind) for link in "abcdef"}

@@ -269,7 +269,7 @@ def test_stop_latches_and_refuses_live(session):
         session.enable_live()
 
 
-def test_stop_without_text_stops_arm(session):
+def test_stop_message_without_text_stops_arm(session):
     session.arm_thread.request_stop(StopReason(StopKind.CLIENT))
     session.arm_thread.step()
     assert session.latest_frames()["status"]["mode"] == "stopped"
@@ -405,7 +405,7 @@ def test_invalid_posture_preference_is_refused(session, fields, why):
     assert session.latest_frames()["status"]["preference"]["pose"] == "none"
 
 
-def test_ended_iteration_is_not_called_nearest_point(session):
+def test_unfinished_iteration_is_not_called_nearest_point(session):
     session.send_message(page_messages.SetSolver, name="transpose")
     session.click(60, 60)
     assert "transpose ended" in session.latest_frames()["status"]["messages"][-1]["message"]
@@ -425,7 +425,7 @@ def later(session, name):
     raise AssertionError(f"{name} is never sent")
 
 
-def test_manipulability_is_that_of_the_jacobian(session):
+def test_shown_manipulability_equals_that_computed_from_jacobian(session):
     q = session.arm_thread.snapshot.measured[:5]
     J = session.arm.chain.jacobian(q)[:3]
     value, unit = posture_rows(session.latest_frames())["manipulability"].split(",")[0].split()

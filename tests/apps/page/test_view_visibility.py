@@ -42,7 +42,7 @@ def test_visible_fraction_matches_rays_through_all_pixels(name, view):
             )
 
 
-def test_distant_point_sees_same_as_parallel_camera():
+def test_visibility_from_far_point_equals_parallel_projection():
     model, home = replace(model_of("so101"), floor_m=None), stage("so101").home
     poses, camera = link_poses(model.chain, home, {}), looked_at("so101", "front")
     one, far = VisibilityChecker(model), camera.eye_m - 200.0 * camera.forward

@@ -14,7 +14,7 @@ from ikservo.apps.remote.connection import Connection
 from ikservo.apps.remote.services import MOTIONS, STREAMED, WATCH
 from ikservo.apps.remote.wire_messages import ServiceRequest, Setpoint, encode, result_of
 from ikservo.apps.remote.zenoh_session import Certificate, ask, open_client, open_server
-from ikservo.errors import BadValueError, InputError, PortError, RefusedError
+from ikservo.errors import InputError, PortError, RefusedError
 from ikservo.files.writing import write_all_atomic
 from tests.apps.remote.conftest import find_free_port
 from tests.arm.simulated import transport_of
@@ -122,7 +122,7 @@ def test_watcher_certificate_may_not_drive(served, certificates):
 
 
 @pytest.mark.parametrize("who", ["watcher", "guest"])
-def test_without_operator_certificate_no_key_drives_arm(served, certificates, who):
+def test_client_without_operator_certificate_cannot_drive_arm(served, certificates, who):
     before = served.packets
     with open_client([served.endpoint], certificates[who]) as session:
         for service in DRIVE:
@@ -136,7 +136,7 @@ def test_without_operator_certificate_no_key_drives_arm(served, certificates, wh
     assert served.packets == before
 
 
-def test_guest_certificate_sees_nothing(served, certificates):
+def test_guest_certificate_can_neither_read_nor_stop_arms(served, certificates):
     before = served.packets
     with open_client([served.endpoint], certificates["guest"]) as session:
         for name in ("desk", "*"):
@@ -221,7 +221,7 @@ def test_certificates_are_made_once_with_private_keys(tmp_path):
     for folder in folders:
         assert all(file.stat().st_mode & 0o077 == 0 for file in folder.glob("*.key"))
         assert not (folder / "authority.key").exists() or folder.name == "authority"
-    with pytest.raises(BadValueError, match="which has certificates"):
+    with pytest.raises(InputError, match="already has certificates"):
         making.make_keys(tmp_path / "keys", [])
 
 

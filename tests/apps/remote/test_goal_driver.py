@@ -139,7 +139,7 @@ def test_canceled_goal_is_replaced_if_arm_follows_newer_goal(driver):
     assert watch.ends == [(GoalEnd.REPLACED, True)]
 
 
-def test_new_goal_arrives_only_after_rest_of_its_own(arm, driver, monkeypatch):
+def test_new_goal_succeeds_only_after_its_own_time_at_rest(arm, driver, monkeypatch):
     now_s, began_s = [0.0], []
     clock = SimpleNamespace(
         monotonic=lambda: now_s[0], sleep=lambda wait_s: now_s.append(now_s.pop() + wait_s)

@@ -163,7 +163,7 @@ def test_stop_names_silent_machine_and_stops_others(served, run, monkeypatch, si
     assert ([arm["arm"] for arm in found["arms"]], len(found["errors"])) == (["so101"], 1)
 
 
-def test_stop_of_hanging_server_is_tried_3_times_unconfirmed(served, run, monkeypatch):
+def test_stop_of_hanging_server_is_tried_3_times_and_unconfirmed(served, run, monkeypatch):
     asked, goes_on = [], threading.Event()
     answer = served.server.service.stop
 

@@ -75,7 +75,7 @@ def test_remote_motion_returns_same_report_as_local_one(served):
     assert there.reached
 
 
-def test_unreachable_point_is_same_error_on_remote_arm(served):
+def test_unreachable_point_raises_same_error_on_remote_arm(served):
     with served.open() as arm:
         with pytest.raises(UnreachableError) as here:
             served.arm.move_to((0.9, 0.0, 0.1))
@@ -247,7 +247,7 @@ def test_stop_by_other_program_between_steps_ends_program(served, stopped_elsewh
         assert registers(served.arm, "goal_position") == before
 
 
-def test_cancelled_motion_does_not_end_queued_ones(served):
+def test_cancelled_motion_does_not_end_queued_motions(served):
     with served.open() as arm:
         with arm.background._queue:
             first, second = (arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1))
@@ -327,12 +327,12 @@ def test_open_bus_refuses_address_of_other_machine(served):
         ikservo.arm.opening.open_bus(served.arm.model, served.address)
 
 
-def test_another_arm_than_the_served_one_is_refused(served):
+def test_model_other_than_that_of_served_arm_is_refused(served):
     with pytest.raises(InputError, match="Choose so101"):
         ikservo.open_arm("koch", port=served.address)
 
 
-def test_unserved_name_is_refused_with_served_names(served):
+def test_unknown_arm_name_error_lists_served_arms(served):
     with pytest.raises(PortError, match="Served there: desk"):
         ikservo.open_arm("so101", port=served.address.replace("desk", "bench"))
 
@@ -374,7 +374,7 @@ def test_pose_within_limits_refuses_start_of_wrong_length(served):
                 each.pose_within_limits("home", np.zeros(2))
 
 
-def test_unknown_option_is_type_error_on_remote_arm(served):
+def test_unknown_option_raises_type_error_on_remote_arm(served):
     with served.open() as arm, pytest.raises(TypeError, match="argument 'sped'"):
         arm.move_to(POINT_M, sped="slow")
 
@@ -391,7 +391,7 @@ def test_unknown_option_is_type_error_on_remote_arm(served):
     ],
     ids=str,
 )
-def test_impossible_motion_is_same_error_on_remote_arm(served, motion):
+def test_impossible_motion_raises_same_error_on_remote_arm(served, motion):
     with served.open() as arm:
         with pytest.raises(IkservoError) as there:
             arm.execute(motion)
@@ -414,7 +414,7 @@ def test_an_unknown_joint_is_refused_before_it_is_sent(served):
     [POINT_M, {"elbow": 0.1}, {"gripper": np.nan}, np.full((4, 4), np.nan), "here"],
     ids=str,
 )
-def test_invalid_setpoint_is_same_error_on_remote_arm(served, setpoint):
+def test_invalid_setpoint_raises_same_error_on_remote_arm(served, setpoint):
     with served.open() as arm:
         with pytest.raises(InputError) as there:
             arm.stream().send(setpoint)
@@ -486,7 +486,7 @@ WRONG = [None, "text", [1.0, "x"], {"lease": ["x"]}]
 @pytest.mark.full
 @pytest.mark.parametrize("has_lease", [False, True], ids=["without lease", "with lease"])
 @pytest.mark.parametrize("request_to", REQUESTS.values(), ids=REQUESTS)
-def test_result_of_wrong_type_is_one_error(monkeypatch, served, request_to, has_lease):
+def test_result_of_wrong_type_raises_one_error(monkeypatch, served, request_to, has_lease):
     with served.open() as arm:
         if has_lease:
             arm.enable()

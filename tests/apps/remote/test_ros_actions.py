@@ -263,7 +263,7 @@ def test_action_goal_succeeds_with_feedback_and_states(graph, client, start):
         ({"trajectory": JointTrajectory(joint_names=[JOINT])}, ErrorCode.INVALID_GOAL, "points"),
         ({"trajectory": trajectory(JOINT, (1.0, 9.0))}, ErrorCode.INVALID_GOAL, "outside"),
         ({"trajectory": trajectory(JOINT, (1.0, 0.1), (0.5, 0.2))}, ErrorCode.INVALID_GOAL,
-         "not growing"),
+         "not increasing"),
         ({"goal_tolerance": [JointTolerance(name=JOINT, position=np.nan)]},
          ErrorCode.INVALID_GOAL, "tolerance"),
     ],

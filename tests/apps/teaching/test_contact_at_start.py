@@ -218,7 +218,7 @@ def recording_of_falling_arm(tmp_path):
     "name",
     ["koch", *(pytest.param(n, marks=pytest.mark.full) for n in ("so100", "so101", "wx250s"))],
 )
-def test_recording_of_falling_arm_is_replayed_by_new_arm(recording_of_falling_arm, name):
+def test_recording_of_falling_arm_is_replayed_after_reopening(recording_of_falling_arm, name):
     path, lying = recording_of_falling_arm(name)
     with ikservo.open_arm(name, port="sim") as fresh:
         assert fresh.load_replay(path)[0].joints.shape[1] == len(lying)

@@ -109,7 +109,7 @@ def test_program_mistake_gives_one_message_with_step_number(step, run_cli, tmp_p
     assert lines[1].count("step ") == 1
 
 
-def test_errors_name_program_mistakes_without_validator_words(run_cli, tmp_path):
+def test_program_errors_do_not_quote_the_validator(run_cli, tmp_path):
     path = write_steps(tmp_path / "a.toml", *MISTAKES)
     err = run_cli(f"program check {path} --port sim").err
     assert all(f"step {number}" in err for number in range(2, 9))

@@ -8,7 +8,13 @@ import pytest
 import ikservo
 from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
 from ikservo.apps.teaching.program_run import ProgramRun
-from ikservo.errors import BadValueError, FileFormatError, LatchedStopError, StoppedError
+from ikservo.errors import (
+    BadValueError,
+    FileFormatError,
+    InputError,
+    LatchedStopError,
+    StoppedError,
+)
 from tests.arm.simulated import true_tip_m
 from tests.arm.test_gripper import open_jaws, put_between
 
@@ -82,16 +88,16 @@ def test_called_program_runs_its_repetitions_within_one_step(arm, tmp_path):
 
 def test_called_program_of_another_arm_is_refused(arm, tmp_path):
     write_program(tmp_path / "inner.toml", program(WAIT, arm="koch"))
-    with pytest.raises(BadValueError, match="one for koch"):
+    with pytest.raises(BadValueError, match="is for koch"):
         make_run(arm, tmp_path, {"program": "inner.toml"})
 
 
 @pytest.mark.parametrize("inner", [
     program({"program": "inner.toml"}), program(WAIT, repeat="until stopped")
 ], ids=["calls itself", "never ends"])  # fmt: skip
-def test_called_program_without_an_end_is_refused(arm, tmp_path, inner):
+def test_called_program_that_calls_or_never_ends_is_refused(arm, tmp_path, inner):
     write_program(tmp_path / "inner.toml", inner)
-    with pytest.raises(BadValueError, match="calls another or never ends"):
+    with pytest.raises(InputError, match="cannot be called: it"):
         make_run(arm, tmp_path, {"program": "inner.toml"})
 
 
@@ -114,7 +120,7 @@ def test_endless_program_ends_when_no_step_applies(arm, tmp_path):
     assert run_all(run) == []
 
 
-def test_program_pause_is_left_to_caller_and_moves_nothing(arm, tmp_path):
+def test_program_pause_is_handled_by_caller_and_moves_nothing(arm, tmp_path):
     run = make_run(arm, tmp_path, WAIT, {"pause": "Put in the next part."}, WAIT)
     assert run.pauses
     assert [step.step.pause for step in run.steps()] == [None, "Put in the next part.", None]
@@ -156,7 +162,7 @@ def test_program_continues_in_a_given_repetition(arm, tmp_path):
 def test_program_with_too_many_places_is_refused_in_the_check(arm, tmp_path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.teaching.program_run.MAX_CHECKS", 10)
     run = make_run(arm, tmp_path, {"tip_m": NEAR, "grid": {**GRID, "rows": 8}}, repeat=16)
-    with pytest.raises(BadValueError, match="above 10"):
+    with pytest.raises(InputError, match="more than 10 steps"):
         list(run.check())
 
 

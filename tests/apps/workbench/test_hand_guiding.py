@@ -80,7 +80,7 @@ HANDS = [
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint", "way_rad", "limit_nm"), HANDS)
-def test_light_hand_moves_arm_and_arm_stays_where_left(name, joint, way_rad, limit_nm):
+def test_guided_arm_follows_light_hand_and_stays_where_left(name, joint, way_rad, limit_nm):
     hand, gravity, stiffness = guided(name, joint, way_rad, limit_nm)
     k = ikservo.load_model(name).chain.names.index(joint)
     assert hand.moved_deg()[k] == pytest.approx(np.degrees(way_rad), abs=1.0)

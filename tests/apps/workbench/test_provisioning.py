@@ -57,7 +57,7 @@ def test_provisioning_switches_torque_off(alone):
     assert servo.read("torque_enable") == 0
 
 
-def test_provisioning_writes_nothing_that_is_set_already(alone):
+def test_provisioning_skips_registers_that_are_already_right(alone):
     port, servo, table = alone
     provision(port, found(table), settings(table))
     writes = servo.memory.eeprom_writes
@@ -81,7 +81,7 @@ def test_provisioning_refuses_other_model(alone):
     assert servo.memory.eeprom_writes == writes
 
 
-def test_provisioning_refuses_baud_rate_model_does_not_have(alone):
+def test_provisioning_refuses_baud_rate_unsupported_by_model(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(BadValueError, match=r"one of (9600|4800), "):
@@ -89,7 +89,7 @@ def test_provisioning_refuses_baud_rate_model_does_not_have(alone):
     assert servo.memory.eeprom_writes == writes
 
 
-def test_provisioning_refuses_register_model_does_not_have(alone):
+def test_provisioning_refuses_register_missing_in_model(alone):
     port, servo, table = alone
     writes = servo.memory.eeprom_writes
     with pytest.raises(BadValueError, match="'colour'"):

@@ -155,7 +155,7 @@ class CandidateSelection:
     def candidates_at(
         self, at: Vector, context: PointerContext
     ) -> tuple[PickCandidate | None, ...]:
-        """Return the options of a press at a pixel (2,): links, objects, None, fixed links."""
+        """List what a press at a pixel (2,) can grab: links and objects, None, then fixed links."""
         found = self._hit_tester.candidates_at(at, context)
         fixed = tuple(each for each in found if each.kind == "fixed")
         return (*found[: len(found) - len(fixed)], None, *fixed)

@@ -22,7 +22,7 @@ class AddThing(PageMessage):
 
 
 class AddArm(PageMessage):
-    """Make another arm of the page an obstacle to this one, and this one to it."""
+    """Make this arm and another arm of the page obstacles to each other."""
 
     kind: Literal["add_other_arm"]
     name: ThingName

@@ -45,7 +45,7 @@ class PlotFeed:
         """Change what a page plots; an empty choice closes its plots.
 
         Raises:
-            BadMessageError: There is no such joint, or nothing has stopped the arm yet.
+            BadMessageError: The joint does not exist, or there has been no stop to plot.
         """
         self.forget(client_id)
         if not message.quantities:

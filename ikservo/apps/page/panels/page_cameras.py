@@ -61,7 +61,7 @@ class PageCameras:
     def open_before(
         self, arm: Arm, exits: ExitStack, source: str | None = None
     ) -> VideoSource | None:
-        """Open the pictures that the page shows for an arm; None if there are none.
+        """Open the video source that the page shows for an arm; None if it has none.
 
         Args:
             arm: The arm.
@@ -71,7 +71,7 @@ class PageCameras:
         Raises:
             CalibrationError: A camera is named, but the arm has no calibrated camera.
             InputError: The camera is unknown, missing, or belongs to another arm.
-            FileFormatError: A file about it is damaged.
+            FileFormatError: A file about the camera is damaged.
         """
         source = source or self._source_before(arm)
         if source is None:

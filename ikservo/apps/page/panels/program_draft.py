@@ -182,7 +182,7 @@ class ProgramDraft:
             raise UnknownNameError("program", name, names)
         read = read_program(self.folder.file(name))
         if read.arm != self._arm:
-            raise BadValueError("The program", f"one for {read.arm}", f"one for {self._arm}")
+            raise BadValueError("The program", f"for {read.arm}", f"a program for {self._arm}")
         self.speed, self.repeat, self.name = read.speed, read.repeat, name
         self.steps = tuple(map(self._number_step, read.steps))
         self._note_change(changed=False)

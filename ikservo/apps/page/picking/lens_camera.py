@@ -30,7 +30,7 @@ class LensCamera(Camera):
     left_top_px: Vector
 
     def pixels_at(self, across_px: Matrix) -> Matrix:
-        """Compute the pixels (…, 2) of offsets as seen without distortion."""
+        """Compute the pixels (…, 2) for undistorted offsets (…, 2), applying the distortion."""
         px = self.model.pixels(across_px / self.scale_px)
         return (px + 0.5) * self.zoom + self.left_top_px
 

@@ -77,7 +77,7 @@ class LagMeter:
 def _find_lags(
     led: list[tuple[float, Vector]], followed: list[tuple[float, Vector, Vector]]
 ) -> tuple[float | None, float | None]:
-    """Find the lags of setpoints and joints from the joint that the leader moved most."""
+    """Estimate the lags of setpoints and positions, using the joint with the most travel."""
     led_s = np.array([sample[0] for sample in led])
     positions = np.array([sample[1] for sample in led])
     travel = np.ptp(positions, axis=0)

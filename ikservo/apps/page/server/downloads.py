@@ -21,7 +21,7 @@ class Download:
     """A file that is made when it is fetched.
 
     Attributes:
-        name: The name of the file; empty for a file that the page shows itself.
+        name: The name of the file; empty if the page displays the file instead of saving it.
         make: Yields the file in parts; text parts are made in a separate thread.
         media_type: The media type.
     """

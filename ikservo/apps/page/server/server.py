@@ -311,7 +311,7 @@ class _ClientState(Generic[_MessageT]):
 
     Attributes:
         backend: Handles its messages.
-        filter: Parses and checks them.
+        filter: Parses and checks its messages.
         drawn: The last scene that is confirmed as drawn.
         outbox: Frames to be sent before the next scene.
         ready: Set when the page has drawn a scene, or sends something with no scene in flight.

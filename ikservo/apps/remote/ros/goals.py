@@ -139,7 +139,7 @@ def trajectory_goal(
     unknown = [name for name in names if name not in present]
     if unknown or not names or len(set(names)) != len(names):
         raise BadValueError(
-            "The joint", f"{(unknown or names)!r}", f"each joint once: {', '.join(present)}"
+            "The list of joints", f"{(unknown or names)!r}", f"each once: {', '.join(present)}"
         )
     if len(points) > _MAX_POINTS:
         raise BadValueError(
@@ -149,7 +149,7 @@ def trajectory_goal(
     if times_s[0] < 0.0 or not (np.diff(times_s) > 0.0).all() or times_s[-1] > _MAX_DURATION_S:
         raise BadValueError(
             "time_from_start",
-            "not growing",
+            "not increasing",
             f"times that increase from at least 0 to at most {_MAX_DURATION_S:.0f} s",
         )
     positions = _rows(points, "positions", len(names))

@@ -30,7 +30,7 @@ def seams_inside(lows, widths, offsets):
                 for family in (Family.FEETECH_STS, Family.DYNAMIXEL_2):
                     homing = choose_homing("elbow", family, travel, offset, MAGNET)
                     cases += 1
-                    if not homing.extended:  # one that counts on has no seam
+                    if not homing.extended:  # a multi-turn count does not wrap
                         reported_ticks = reported(family, bare, homing)
                         jumps += not np.array_equal(reported_ticks, bare - homing.shift)
     return cases, jumps
