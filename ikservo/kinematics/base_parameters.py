@@ -53,15 +53,6 @@ class BaseParameters:
         """Return the independent columns (…, b) of a regressor (…, p)."""
         return regressor[..., self.columns]
 
-    def combine(self, parameters: ArrayLike) -> Vector:
-        """Compute the base parameters (b,) of parameters (p,).
-
-        Raises:
-            BadValueError: The number of parameters is wrong, or one is not finite.
-        """
-        p = finite_vector(parameters, self.combination.shape[1], "The vector of parameters")
-        return self.combination @ p
-
     def expand(self, base_values: ArrayLike) -> Vector:
         """Return parameters (p,) that give the torques of base parameters (b,).
 

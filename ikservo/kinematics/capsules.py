@@ -9,7 +9,6 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 _TINY = 1e-30
-_GOLDEN = (5**0.5 - 1) / 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,30 +57,6 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     s = _clamp_unit_interval((b * t - c) / np.maximum(a, _TINY))
     gap = r + s[..., None] * d1 - t[..., None] * d2
     return np.sqrt(_row_dot(gap, gap))
-
-
-def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) -> Vector:
-    """Compute the distances (…) from segments a b, each end (…, 3), to an upright box; 0 inside.
-
-    The distance to a convex body is a convex function along the segment, so that golden section
-    search finds its minimum.
-    """
-    low, high = np.zeros(()), np.ones(())
-    for _ in range(60):
-        s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        nearer = _box_distance_at(a, b, s, low_m, high_m) <= _box_distance_at(
-            a, b, t, low_m, high_m
-        )
-        low, high = np.where(nearer, low, s), np.where(nearer, t, high)
-    return _box_distance_at(a, b, 0.5 * (low + high), low_m, high_m)
-
-
-def _box_distance_at(
-    a: Vector, b: Vector, fraction: Vector, low_m: Vector, high_m: Vector
-) -> Vector:
-    point = a + fraction[..., None] * (b - a)
-    outside = np.maximum(np.maximum(low_m - point, point - high_m), 0.0)
-    return np.sqrt(_row_dot(outside, outside))
 
 
 def _row_dot(a: Vector, b: Vector) -> Vector:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
+from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
 from ikservo.kinematics.packed import PackedBody, pack_capsules, pack_links
@@ -179,15 +179,6 @@ class CollisionBody:
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
         return self._min_by_link(lowest, "the table")
-
-    def box_distances(
-        self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str
-    ) -> PairDistances:
-        """Return the distance of each link from an upright box with two corners, for q (n, dof)."""
-        starts, ends = self._capsule_ends(q)
-        return self._min_by_link(
-            segment_box_distance(starts, ends, low_m, high_m) - self._radii_m, name
-        )
 
     def pack(self) -> PackedBody:
         """Pack the body into arrays of numbers, which are shared and must not be changed."""

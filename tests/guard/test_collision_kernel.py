@@ -13,6 +13,7 @@ from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.joints import Joint, JointType, Mimic
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from tests.guard.arms import body, model_of
+from tests.kinematics.box_distance import box_distances
 
 TURN, SLIDE, FIXED = JointType.REVOLUTE, JointType.PRISMATIC, JointType.FIXED
 BOXES = [
@@ -53,7 +54,7 @@ def every_kind_of_joint():
 def plain_gaps(body, q):
     """Return the gaps computed with numpy's arrays, by pair."""
     checks = [body.link_distances(q), body.floor_distances(q, 0.02)]
-    checks += [body.box_distances(q, box.low_m, box.high_m, box.name) for box in BOXES]
+    checks += [box_distances(body, q, box.low_m, box.high_m, box.name) for box in BOXES]
     return {pair: gaps.gap_m[:, i] for gaps in checks for i, pair in enumerate(gaps.pairs)}
 
 

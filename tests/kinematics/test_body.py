@@ -6,6 +6,7 @@ import pytest
 from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision_body import CollisionBody
+from tests.kinematics.box_distance import box_distances
 from tests.kinematics.chains import joint, planar
 
 
@@ -66,7 +67,7 @@ def test_floor_distance_counts_from_lowest_point():
 
 
 def test_box_distance_counts_from_side_of_box():
-    gaps = rail().box_distances(Q, np.array([1.5, -1, 0]), np.array([2.5, 1, 2]), "the crate")
+    gaps = box_distances(rail(), Q, np.array([1.5, -1, 0]), np.array([2.5, 1, 2]), "the crate")
     assert gaps.pairs == (("tip", "the crate"),)
     np.testing.assert_allclose(gaps.gap_m, [[0.5 - 0.2], [0.5 - 0.2]], atol=1e-9)
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
+from ikservo.kinematics.capsules import Capsule, segment_distance
+from tests.kinematics.box_distance import segment_box_distance
 
 points = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 

@@ -222,7 +222,7 @@ def test_base_parameters_give_same_torques_as_all(pair):
     q, qd, qdd = stacked(oracle)
     base, Y = base_parameters(ours, tolerance=1e-9), ours.regressor(q, qd, qdd)
     expected = [oracle.torques(*motion) for motion in zip(q, qd, qdd, strict=True)]
-    values = base.combine(ours.parameters)
+    values = base.combination @ ours.parameters
     np.testing.assert_allclose(base.reduce(Y) @ values, expected, atol=1e-8, rtol=1e-8)
     expanded = ours.with_parameters(base.expand(values))
     found = expanded.inverse_dynamics(q, qd, qdd)
@@ -233,7 +233,7 @@ def test_parameters_below_tolerance_hardly_change_torques(pair):
     ours, oracle = pair
     q, qd, qdd = stacked(oracle)
     base, expected = base_parameters(ours), ours.inverse_dynamics(q, qd, qdd)
-    found = base.reduce(ours.regressor(q, qd, qdd)) @ base.combine(ours.parameters)
+    found = base.reduce(ours.regressor(q, qd, qdd)) @ base.combination @ ours.parameters
     np.testing.assert_allclose(found, expected, atol=3e-5 * np.abs(expected).max())
 
 
@@ -244,7 +244,7 @@ def test_least_squares_recovers_base_parameters(pair):
     Y = base.reduce(ours.regressor(q, qd, qdd)).reshape(-1, len(base.columns))
     measured = [oracle.torques(*motion) for motion in zip(q, qd, qdd, strict=True)]
     found = np.linalg.lstsq(Y, np.ravel(measured), rcond=None)[0]
-    expected = base.combine(ours.parameters)
+    expected = base.combination @ ours.parameters
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 

@@ -11,6 +11,7 @@ from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import load_model
 from ikservo.model.collision_model import bounding_capsules, collision_body
 from ikservo.model.urdf_types import Box, Cylinder, Sphere
+from tests.kinematics.box_distance import box_distances
 from tests.oracle import ARMS, CONFIGS
 
 SHAPES = [
@@ -82,7 +83,7 @@ def test_nearest_pair_names_link_and_box_in_contact():
     model = load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     home = [model.chain_pose("home")]
-    near = collision_body(model).box_distances(home, tip_m - 0.01, tip_m + 0.01, "the cup")
+    near = box_distances(collision_body(model), home, tip_m - 0.01, tip_m + 0.01, "the cup")
     link, other = near.pairs[int(near.gap_m[0].argmin())]
     assert (link in ("gripper", "jaw"), other) == (True, "the cup")
     assert near.gap_m.min() <= 0

@@ -22,15 +22,13 @@ _FINGER_M = 0.015  # a finger ends at most this far from the tip, and moves furt
 class Jaws:
     """The inner faces of the jaws (k,) on an axis (3,) of the tip, metres, from closed to open.
 
-    A face is infinite at a position at which its jaw does not reach down to the tip. The jaws reach
-    ``ahead_m`` beyond the tip.
+    A face is infinite at a position at which its jaw does not reach down to the tip.
     """
 
     axis: Vector
     positions: Vector
     low_m: Vector
     high_m: Vector
-    ahead_m: float
 
     @property
     def most_m(self) -> float:
@@ -65,7 +63,6 @@ def find_jaws(model: Model) -> Jaws:
     radii_m = np.array([each.radius_m for each in capsules])
     ends_m = np.array([each.ends(to_tip @ poses[each.link]) for each in capsules])  # (c, 2, k, 3)
     ahead_m = ends_m @ tool.approach_axis
-    most_ahead_m = float((ahead_m.max(axis=(1, 2)) + radii_m).max(initial=0.0))
     aside_m = ends_m - ahead_m[..., None] * tool.approach_axis
     shift_m = (aside_m[:, :, -1] - aside_m[:, :, 0]).reshape(-1, 3)
     moved_m = np.linalg.norm(shift_m, axis=1) * (np.abs(ahead_m[:, :, 0]).ravel() < _FINGER_M)
@@ -74,7 +71,7 @@ def find_jaws(model: Model) -> Jaws:
     axis = shift_m[best] / moved_m[best] if is_seen else tool.left
     if gripper.widths:
         half_m = np.array([gripper.width_m(each) or 0.0 for each in positions]) / 2.0
-        return Jaws(axis, positions, -half_m, half_m, most_ahead_m)
+        return Jaws(axis, positions, -half_m, half_m)
     unknown = IkservoError(
         f"The width of the gripper of {model.name} is not known.",
         "Give the widths in its arm file ([gripper]).",
@@ -93,4 +90,4 @@ def find_jaws(model: Model) -> Jaws:
         before, after = _LINE_M[blocked[blocked < nearest]], _LINE_M[blocked[blocked > nearest]]
         if len(before) or not len(after):  # otherwise it is behind a fixed jaw: they are closed
             faces[k] = before.max(initial=-np.inf), after.min(initial=np.inf)
-    return Jaws(axis, positions, faces[:, 0], faces[:, 1], most_ahead_m)
+    return Jaws(axis, positions, *faces.T)

@@ -54,11 +54,10 @@ _UPRIGHT_COSINE = 0.999  # of the tilt of a box that counts as upright
 _CLEARANCE_M = 0.006  # between the thing and each open jaw, if there is room
 _MIN_CLEARANCE_M = 0.001
 _UNKNOWN_WIDTH_M = 0.03  # of a thing that was not picked up by ``Pick``
-_GRIPPED_M = 0.01  # least height of the part of a thing that is between the jaws
+_TOP_M = 0.004  # part of a thing above the jaws
 _APPROACHES_M = (0.08, 0.05)  # lengths of the straight approach, the best first
 _LOWER_M = 0.002  # the arm may end this much lower than planned
-# Heights of the tip above the middle, the best first; a heavy arm may sag towards the table.
-_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015, 0.02, 0.025)
+_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle, the best first
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)  # heights from which a thing is let go
 _OPENED = 0.1  # of the jaws' travel; they have then let go of what was between them
 _THINK_S = 1.0  # for a path around things; another grasp may need none
@@ -128,8 +127,7 @@ class Pick(OwnMotion[GraspResult]):
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
         most_m, (length_m, width_m, height_m) = planner.jaws.most_m, self.size_m
-        most_raised_m = max(height_m / 2.0 + planner.jaws.ahead_m - _GRIPPED_M, 0.0)
-        raises_m = [each for each in _RAISES_M if each <= most_raised_m]
+        raises_m = [each for each in _RAISES_M if each <= max(height_m / 2.0 - _TOP_M, 0.0)]
         across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
         # Jaws that cannot be turned to a thing turn the thing.
         sides = [*sorted(across), (math.hypot(length_m, width_m), None)]

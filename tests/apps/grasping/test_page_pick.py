@@ -111,7 +111,7 @@ def test_grasp_that_found_nothing_says_so_and_moves_on(session):
     assert not session.holds
 
 
-def test_place_is_refused_in_stale_picture_and_after_camera_moved(session, monkeypatch):
+def test_place_is_refused_in_old_picture_and_by_a_moved_camera(session, monkeypatch):
     session.go(session.offered(CUBE))
     session.cameras.video.is_fresh = False
     refused(session, "too old", kind=msg.Grasp, at=session.pixel(GOAL))

@@ -110,11 +110,6 @@ class History:
         self.channels = (*of_joints, *of_line)
         self.last_stop: HistorySlice | None = None
 
-    @property
-    def size_bytes(self) -> int:
-        """Memory of the samples in bytes; it never grows."""
-        return self._times.nbytes + self._values.nbytes
-
     def record(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:
         """Append a sample; a sample that comes too soon after the last one is dropped."""
         last_s = self._times[(self._count - 1) % len(self._times)]
