@@ -218,10 +218,10 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
         if lock and bus.read(change.id, lock, raw=True) == 0:
             bus.write(change.id, lock, 1, raw=True)
     if reached is TransactionProgress.EVERYTHING:
-        _save_file(journal, journal.new_text, replace_calibration)
+        _save_file(journal)
         remove_durably(journal_path)
         return "An interrupted calibration was complete in the servos; its file has now been saved."
-    _save_file(journal, journal.old_text, write_atomic)
+    _restore_file(journal)
     remove_durably(journal_path)
     return "An interrupted calibration had not changed anything yet; the previous one is valid."
 
@@ -303,17 +303,17 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
 def _write_servos(bus: ServoBus, journal: Journal) -> None:
     for change in journal.changes:
         update_eeprom(bus, change.id, _register_values(bus, change.id, change.new))
-    _save_file(journal, journal.new_text, replace_calibration)
+    _save_file(journal)
 
 
-def _save_file(journal: Journal, text: str, write: Callable[[Path, str], None]) -> None:
+def _save_file(journal: Journal) -> None:
     path = Path(journal.path)
     if journal.temporary:
         return
-    if not text:
+    if not journal.new_text:
         remove_durably(path)
-    elif _text_of(path) != text:
-        write(path, text)
+    elif _text_of(path) != journal.new_text:
+        replace_calibration(path, journal.new_text)
 
 
 def _text_of(path: Path) -> str:
@@ -328,7 +328,17 @@ def _text_of(path: Path) -> str:
 def _restore_servos(bus: ServoBus, journal: Journal) -> None:
     for change in journal.changes:
         update_eeprom(bus, change.id, _register_values(bus, change.id, change.old))
-    _save_file(journal, journal.old_text, write_atomic)
+    _restore_file(journal)
+
+
+def _restore_file(journal: Journal) -> None:
+    path = Path(journal.path)
+    if journal.temporary:
+        return
+    if not journal.old_text:
+        remove_durably(path)
+    elif _text_of(path) != journal.old_text:
+        write_atomic(path, journal.old_text)
 
 
 def _unfinished_error() -> CalibrationError:

@@ -202,7 +202,6 @@ def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
 # Options that were checked in an earlier call; typed, because 1 is not True.
 _checked_options = lru_cache(32, typed=True)(_make_options)
 
-
 _MM_PER_M = 1000.0
 _FAR_M = 10.0  # further than any arm with servos can reach
 

@@ -344,7 +344,7 @@ def test_invalid_gravity_is_refused(gravity):
 def test_wrong_number_of_parameters_is_refused():
     ours = dynamics_of("so101")
     base = base_parameters(ours)
-    for call in (ours.with_parameters, base.combine, base.expand):
+    for call in (ours.with_parameters, base.expand):
         with pytest.raises(BadValueError, match="parameters"):
             call([1.0, 2.0])
 

@@ -29,7 +29,6 @@ _LEAST_NOISE_PX = 0.05
 _STALE_PICTURES = 5  # number of old pictures that a driver may hold in its queue
 _READABLE = "a picture or video that OpenCV can read"
 
-
 SAME_PICTURE = (
     "The camera delivers the same picture again and again.",
     "Unplug the camera and plug it in again.",

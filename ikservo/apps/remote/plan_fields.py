@@ -23,7 +23,6 @@ _MAX_PLANS = 32
 _MAX_SAMPLES = 4000
 _STEP_S = 0.01
 
-
 _KEPT_THERE = ("trajectory", "solution", "motion", "requested", "clamped", "limp_arm")
 _ITERATES = ("trace", "question")
 """Fields of a plan and its solution that are not sent."""

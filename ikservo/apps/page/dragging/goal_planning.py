@@ -36,7 +36,6 @@ _SAG_TICKS = 100.0  # largest sag of a limp arm's joint until torque is on
 _STRAIGHT = 1.001  # a path is straight if it is at most this factor longer than a line
 _numbers = itertools.count(1)
 
-
 SeveralMotions = tuple[MotionPlan, Callable[[Arm, OnProgress], object]]
 """One plan of several motions, to be shown, and the function that executes them."""
 

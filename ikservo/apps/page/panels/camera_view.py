@@ -135,9 +135,9 @@ class CameraView:
     @property
     def trouble(self) -> str:
         """Return the reason why clicks in the picture are not targets, or an empty text."""
-        is_old = not self._video.is_fresh
-        old = "The camera picture is too old. Is the camera connected?" if is_old else ""
-        return self.change or old
+        if self._video.is_fresh:
+            return self.change
+        return self.change or "The camera picture is too old. Is the camera connected?"
 
     def require_usable(self) -> None:
         """Refuse targets from a picture that is old, or of a camera that has moved.

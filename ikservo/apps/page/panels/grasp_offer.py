@@ -69,7 +69,7 @@ class GraspOffer:
             raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moves.")
         view.require_usable()
         blocks = () if self._choice is None else self._choice.blocks
-        grip = self._grip
+        grip: Any = self._arm.grip
         is_held = grip.is_held_at(self._arm.context, self._thread.snapshot.measured)
         if isinstance(message, msg.RunPanelMotion):
             if is_held:
@@ -100,12 +100,8 @@ class GraspOffer:
             choice = self._choice = None
         if choice is None or not (choice.look or choice.motion):
             return None
-        start, speed, plan = (
-            thread.snapshot.start,
-            thread.command.speed,
-            partial(self._plan, choice),
-        )
-        return PlanRequest(self._arm, choice.key, start, speed, plan=plan)
+        start, speed = thread.snapshot.start, thread.command.speed
+        return PlanRequest(self._arm, choice.key, start, speed, plan=partial(self._plan, choice))
 
     def panels(self) -> dict[str, Panel]:
         """Return the panel that describes the choice, with a button for each block."""
@@ -113,10 +109,6 @@ class GraspOffer:
             return {}
         buttons = dict.fromkeys(map(_describe, self._choice.blocks))
         return {HEADING: Panel([("choice", self._choice.text)], buttons)}
-
-    @property
-    def _grip(self) -> Any:  # noqa: ANN401  # of another app
-        return self._arm.grip
 
     def _plan(self, choice: _GraspChoice, request: PlanRequest) -> SeveralMotions | None:
         """Find what was chosen, and plan its motions; None if the user has to choose a block."""
@@ -130,7 +122,7 @@ class GraspOffer:
         if choice.motion is None:
             return None
         motion = replace(choice.motion, speed=request.allowed_speed)
-        steps, whole = motion.plan(self._arm.context, request.start, self._grip)
+        steps, whole = motion.plan(self._arm.context, request.start, self._arm.grip)
         return whole, partial(motion.run, steps=steps)
 
 

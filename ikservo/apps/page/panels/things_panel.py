@@ -35,7 +35,6 @@ _MOST = 100  # largest number of things, because each is sent and is checked on 
 _DECIMALS = 2  # decimals of joints, rad or m; smaller motions are not redrawn
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
 
-
 AddOtherArm = Callable[[str], None]
 """Function that makes another arm of the page, by its name, an obstacle to an arm."""
 
