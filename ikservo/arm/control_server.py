@@ -139,7 +139,7 @@ class ControlServer:
                 return {"result": self._handler(request)}
             if not self._may_read.acquire(blocking=False):
                 raise RefusedError(
-                    "Too many programs wait for the state of this arm.", "Try again."
+                    "Too many programs are asking for the state of this arm.", "Try again."
                 )
             try:
                 return {"result": self._handler(request)}

@@ -19,7 +19,7 @@ _MAX_HALVINGS = 12  # largest number of times that the interval between two samp
 def sample_path(
     positions_at: Callable[[float], Vector], duration_s: float, top_speed_rad_s: float
 ) -> Matrix:
-    """Sample joints (k, n) along a path in time, close enough for collision checks.
+    """Sample the joints (k, n) of a trajectory, densely enough for collision checks.
 
     Args:
         positions_at: Returns the joints (n,) at a time.

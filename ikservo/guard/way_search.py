@@ -177,7 +177,7 @@ class WaySearch:
         )  # fmt: skip
 
     def _plant(self, limits: Matrix) -> None:
-        """Start both trees in new arrays; targets are between limits (2, n)."""
+        """Start both trees in new arrays; postures are sampled within limits (2, n)."""
         kernel, n, goals = self._kernel, len(self._start), len(self._goals)
         self._nodes, self._parents = np.empty((2 * _NODES, n)), np.empty(2 * _NODES, np.int64)
         self._nodes[0], self._nodes[_NODES : _NODES + goals] = self._start, self._goals

@@ -231,7 +231,7 @@ class Port(SdkPort):
     Differences from the vendors' ``PortHandler``: stale input is actually discarded (F1, D6 in
     docs/sdk-defects.md), waits are sized to the request (F2), time is monotonic (F3, D7), reads
     block instead of spinning (F4), the port is exclusive (F5), every baud rate is possible (F6,
-    D8), and a lost port is one named error.
+    D8), and a lost port raises ``PortLostError``.
 
     Attributes:
         transport: Carries the bytes; only the port may read from it or write to it.

@@ -387,5 +387,5 @@ def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
 def _turned_to(name: str, axis: tuple[float, float, float]) -> Matrix:
     length = math.hypot(*axis)
     if not 0.0 < length < math.inf:
-        raise BadValueError(f"The direction of {name}", list(axis), "a direction with a length")
+        raise BadValueError(f"The direction of {name}", list(axis), "finite numbers, not all zero")
     return rotation_z_to(np.array(axis) / length)

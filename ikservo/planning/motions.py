@@ -635,7 +635,7 @@ def _from_fields(what: str, kind: Callable[..., object], given: object) -> objec
             raise InputError(f"{what} has no field {str(name)!r}.", f"{hint}Fields: {listed}.")
     for each in known:
         if each.name not in values and each.default is MISSING:
-            raise InputError(f"{what} has no {each.name}.", f"Fields: {', '.join(names)}.")
+            raise InputError(f"{what} lacks the field {each.name}.", f"Fields: {', '.join(names)}.")
     for name, nested in _NESTED.items():
         if values.get(name) is not None and name in names:
             values[name] = _from_fields(name, nested, values[name])

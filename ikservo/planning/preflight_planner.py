@@ -373,7 +373,7 @@ class PreflightPlanner:
             raise
 
     def rest_pose(self) -> PoseWithinLimits:
-        """Return the rest pose within the limits, without a gripper that presses on something."""
+        """Return the rest pose within the limits; a gripper that presses on something stays."""
         rest, gripper = dict(self._model.pose("rest")), self._model.gripper
         start = self._runner.start_position()
         if gripper is not None:

@@ -72,7 +72,7 @@ def decode_request(line: bytes) -> Request:
     if row.keys() != _KEYS or row["schema"] != SCHEMA:
         raise _message_error(f"expected the keys {', '.join(sorted(_KEYS))} of {SCHEMA}")
     if row["do"] not in list(ControlCommand) or not isinstance(row["secret"], str):
-        raise _message_error(f"it can be asked to {', '.join(ControlCommand)}")
+        raise _message_error(f"the commands are {', '.join(ControlCommand)}")
     return Request(ControlCommand(row["do"]), row["secret"])
 
 

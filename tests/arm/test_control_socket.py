@@ -248,7 +248,7 @@ def test_stop_is_answered_while_callers_await_state(device, kind):
         calls = [pool.submit(send_command, device, ControlCommand.WHERE, 20.0) for _ in range(12)]
         for _ in calls:
             assert entered.acquire(timeout=20)
-        with pytest.raises(RefusedError, match="Too many programs wait for the state"):
+        with pytest.raises(RefusedError, match="Too many programs are asking for the state"):
             send_command(device, ControlCommand.WHERE)
         for command in (ControlCommand.WHO, ControlCommand.STOP, ControlCommand.RELAX):
             assert send_command(device, command) == {"done": command.value}

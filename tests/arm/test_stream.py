@@ -172,7 +172,7 @@ def test_goals_lead_joints_by_at_most_the_look_ahead(arm):
 
 
 @pytest.mark.full
-def test_failure_of_any_loop_line_ends_with_arm_holding(arm):
+def test_control_loop_exception_leaves_arm_holding(arm):
     with LineTracer([control]) as traced:
         short_motion(arm, traced)
     lines = sorted(traced.hits)[::8]

@@ -97,7 +97,7 @@ def test_identified_arm_needs_a_joint():
         IdentifiedArm.model_validate({**tables, "joints": ()})
 
 
-def test_damaged_identified_file_is_refused(home):
+def test_damaged_identification_file_is_refused(home):
     path = home / "arm.toml"
     path.write_text(dump_identified(identified_arm()).replace("1.1", "1.2", 1))
     with pytest.raises(FileFormatError):

@@ -154,7 +154,7 @@ def test_shoulder_elbow_manipulability_equals_closed_form(q):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "px100"])
-def test_conditioning_turns_are_rotations_about_fixed_tip(name):
+def test_conditioning_counts_rotations_that_leave_tip_in_place(name):
     model = load_model(name)
     q = model.chain_pose("home") + 0.2
     J = model.chain.jacobian(q)

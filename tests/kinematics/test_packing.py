@@ -165,7 +165,7 @@ def test_pack_capsules_has_one_row_per_capsule_with_its_link():
     assert pack_capsules([], ["a"]).shape == (0, 8)
 
 
-def test_packed_row_is_aligned_only_with_exact_identity():
+def test_packed_joint_is_aligned_only_if_rotation_is_identity():
     for packed in (pack_chain(planar(0.3, 0.2)), pack_chain(crane())):
         for row in packed[1 : 2 + int(packed[0, STEPS])]:
             same = np.array_equal(placed(row)[:3, :3], np.eye(3))

@@ -122,7 +122,7 @@ def command(
     if touch_off != TouchOffOptions() and not touch:
         raise InputError("--points, --same-point and --sheet-origin need --touch.", "Add: --touch")
     if uncalibrated and not wiggle:
-        raise InputError("--uncalibrated needs --wiggle.", "Leave it out.")
+        raise InputError("--uncalibrated needs --wiggle.", "Add --wiggle, or leave it out.")
     if camera.from_pictures is not None:
         if camera != CameraOptions(from_pictures=camera.from_pictures):
             raise InputError(

@@ -236,7 +236,7 @@ def _compare(
             f"and {check.turned_deg:.2f}°; the board appears {check.off_mm:.1f} mm from its place."
         ])  # fmt: skip
     if check.has_moved:
-        print_status("Put it back and check again, or calibrate again.")
+        print_status("Put the camera back and check again, or calibrate again.")
         raise typer.Exit(ExitCode.CALIBRATION)
 
 

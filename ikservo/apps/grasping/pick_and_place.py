@@ -215,7 +215,7 @@ class Place(OwnMotion[GraspResult]):
                 raise RefusedError(
                     f"With its middle at {format_point(self.middle_m)}, the thing would be "
                     f"{-1000.0 * bottom_m:.0f} mm below the table.",
-                    f"Nothing moves. It is {1000.0 * grip.height_m:.0f} mm high.",
+                    f"The thing is {1000.0 * grip.height_m:.0f} mm high; give a higher middle.",
                 )
         return planner.plan(middle_m, _DROPS_M, [(stance, grip_m)], kinds, float(held[0]))
 

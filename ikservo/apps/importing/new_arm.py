@@ -171,7 +171,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
 
 
 def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
-    """Search for a draft's pose ``home``; ``rest`` is the same pose until it is found too."""
+    """Search for a pose ``home``, and use it as ``rest`` until a rest pose is found."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints

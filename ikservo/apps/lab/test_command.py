@@ -42,7 +42,7 @@ from ikservo.model import Model
 
 _ALL_PARTS = ",".join(PARTS)
 
-Cycles = Annotated[int, typer.Option("--cycles", help="Cycles of poses; 30 in the standard.")]
+Cycles = Annotated[int, typer.Option("--cycles", help="Rounds of poses; ISO 9283 requires 30.")]
 PathCycles = Annotated[
     int,
     typer.Option("--path-cycles", help="Cycles of each path at each speed; 10 in the standard."),

@@ -432,7 +432,7 @@ class SessionController:
         return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
 
     def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
-        """Return the camera whose picture a client views, while the arm accepts targets."""
+        """Return the camera view of a client; refuse if it has none or the arm is not ready."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):

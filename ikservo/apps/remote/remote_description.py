@@ -49,7 +49,7 @@ def described_chain(model: Model, there: ArmDescription) -> Chain:
 
 
 class RemotePoses(PoseLibrary):
-    """The poses of an arm on another machine: from its arm file, and taught there."""
+    """The poses of an arm on another machine: those of its arm file and those taught there."""
 
     def __init__(self, model: Model, connection: Connection) -> None:
         super().__init__(model, "")

@@ -247,9 +247,9 @@ class ProgramStep(StrictModel):
         """Refuse a step without exactly one action, or with options of another action."""
         actions = self._actions()
         if len(actions) != 1:
-            raise ValueError(f"does {' and '.join(actions) or 'nothing'}")
+            raise ValueError(f"has {' and '.join(actions) or 'no action'} instead of one action")
         if actions != ["tip_m"] and (self.path or self.via_m or self.grid):
-            raise ValueError(f"has a path, via_m or a grid, but does {actions[0]}")
+            raise ValueError(f"has a path, via_m or a grid, which {actions[0]} cannot have")
         if self.grid and self.via_m:
             raise ValueError("has a grid, which an arc cannot have")
         if (self.path == "arc") != (self.via_m is not None):
@@ -259,7 +259,7 @@ class ProgramStep(StrictModel):
         if self.has_motion:
             self._to_motion()  # raises if the motion refuses a value
         elif self.speed is not None:
-            raise ValueError(f"has a speed, but does {actions[0]}")
+            raise ValueError(f"has a speed, which {actions[0]} cannot have")
         return self
 
 

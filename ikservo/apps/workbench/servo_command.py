@@ -65,7 +65,7 @@ def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 Registers = Annotated[
     list[str],
-    typer.Argument(metavar="REGISTER...", autocompletion=_complete_registers, help="Registers."),
+    typer.Argument(metavar="REGISTER...", autocompletion=_complete_registers, help="Their names."),
 ]
 Values = Annotated[
     list[str],

@@ -195,6 +195,6 @@ def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, b
         return
     words = " ".join(f"{name}={raw}" for name, raw in _named(best.gains).items())
     print_status(
-        "The former gains are restored. To keep the best of these, switch torque off, then: "
+        "The former gains are restored. To keep the best gains tried, switch torque off, then: "
         f"ikservo servo write {words} --arm {connection.arm} --id {servo.id}"
     )

@@ -119,7 +119,7 @@ def test_gripper_needs_exactly_one_of_target_and_weigh(words):
     assert run_arguments([*words, "--arm", ARM, "--port", "sim"]).code == 2
 
 
-def test_damaged_identified_file_is_refused(home):
+def test_damaged_identification_file_is_refused(home):
     path = identified_path(ARM, "sim")
     before = path.read_text()
     try:

@@ -128,9 +128,9 @@ def test_program_pause_is_handled_by_caller_and_moves_nothing(arm, tmp_path):
 
 
 @pytest.mark.parametrize(("step", "words"), [
-    ({"wait_s": 1.0, "grid": GRID}, "a grid, but does wait_s"),
+    ({"wait_s": 1.0, "grid": GRID}, "a grid, which wait_s cannot have"),
     ({"tip_m": NEAR, "path": "arc", "via_m": NEAR, "grid": GRID}, "an arc cannot have"),
-    ({"pause": "x", "speed": "slow"}, "has a speed, but does pause"),
+    ({"pause": "x", "speed": "slow"}, "has a speed, which pause cannot have"),
     ({"tip_m": NEAR, "grid": {**GRID, "rows": 31}}, "less than or equal to 30"),
     ({**WAIT, "only_if": "seen"}, "grasped"),
     ({"pause": "x", "program": "y.toml"}, "program and pause"),

@@ -181,7 +181,7 @@ def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list
     """Return a row for each thing under the pointer: name, hit point, depth behind the first.
 
     Args:
-        options: The options that ``Drag.candidates_under`` returns; None is the plane for the tip.
+        options: The result of ``Drag.candidates_under``; None stands for the plane of the view.
         chosen: Index of the selected option.
     """
     first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)
