@@ -158,7 +158,7 @@ def test_motion_mistake_is_same_error_in_python_and_json(kind, fields):
         ({"move_to": {"position_m": NEAR}, "wait": {}}, "The motion"),
         ({"hop": {}}, "no motion named 'hop'"),
         ({"move_to": 3}, "move_to"),
-        ({"move_to": {}}, "move_to has no position_m"),
+        ({"move_to": {}}, "move_to lacks the field position_m"),
         ({"move_line": {"position_m": NEAR, "tool_sped_m_s": 1}}, "no field 'tool_sped_m_s'"),
         ({"move_to": {"position_m": NEAR, "stance": {"pich_rad": 1}}}, "no field 'pich_rad'"),
         ({"move_to": {"position_m": NEAR, "stance": {"keep": "yes"}}}, "keep"),
