@@ -61,7 +61,7 @@ def test_move_announces_tool_speed_that_is_not_reached(run_cli):
         ("move 0.2 0 0.1 --line --tool-speed -5", 2, "not a speed above 0"),
         ("move 0.2 0 0.1 --line --tool-speed quick", 2, "is not a speed such as"),
         ("move 0.2 0 0.1 --line --tool-speed nan", 2, "is not a speed such as"),
-        ("move 0.2 0 0.1 --tool-speed 50", 2, "Expected a straight line"),
+        ("move 0.2 0 0.1 --tool-speed 50", 2, "Move in straight lines"),
     ],
 )
 def test_arc_refuses_invalid_arcs_and_tool_speeds(run_cli, words, code, message):
