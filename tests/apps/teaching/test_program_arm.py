@@ -77,7 +77,10 @@ def test_every_program_step_kind_survives_write_and_read(tmp_path):
         ("[[steps]]\npose = 'home'\nmotion.lower = {}", "has pose and motion"),
         ("[[steps]]\ntip_m = [2000.0, 0.2, 0.3]", "step 1: The target position"),
         ("[[steps]]\nmotion.hop = {}", "step 1, motion: There is no motion named 'hop'"),
-        ("[[steps]]\nmotion.move_through = {}", "step 1, motion: move_through lacks the field points_m"),
+        (
+            "[[steps]]\nmotion.move_through = {}",
+            "step 1, motion: move_through lacks the field points_m",
+        ),
         ("[[steps]]\nmotion.move_to = { position_m = [0.1] }", "target position"),
         ("[[steps]]\nmotion.move_to = { position_m = [0.2, 0, 0.1], speed = 'slow' }", "the step"),
         ("[[steps]]\nmotion.wait = { duration_s = 0.0 }", "step 1, motion: The wait is 0 s"),
