@@ -26,8 +26,8 @@ from ikservo.hardware.servo import ServoSpec
 # Registers that move the arm, stop its replies or belong to its calibration are set elsewhere.
 _ELSEWHERE = {
     "torque_enable": "Use the switch beside the joint.",
-    "id": "In a terminal: ikservo setup",
-    "baud_rate": "In a terminal: ikservo setup",
+    "id": "Press Set up servos in the list of arms.",
+    "baud_rate": "Press Set up servos in the list of arms.",
     "homing_offset": "Calibrate the arm.",
     "position_offset": "Calibrate the arm.",
     "min_position_limit": "Calibrate the arm.",
