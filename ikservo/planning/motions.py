@@ -507,7 +507,7 @@ class MoveGripper(MotionValue[GraspResult]):
 
     def _check(self) -> None:
         if (self.to is None) == (self.width_m is None):
-            raise InputError("Give the gripper open, close or a width, and only one of them.")
+            raise InputError("Give the gripper exactly one of open, close and a width.")
 
     def __str__(self) -> str:
         return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"

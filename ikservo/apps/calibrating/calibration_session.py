@@ -273,8 +273,8 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
     for name, camera in before.cameras_by_name.items():
         named = f" --camera-name {name}" if name else ""
         yield (
-            f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
-            f"lost with them. Calibrate it again: ikservo calibrate {before.arm} "
+            f"The camera calibration from {camera.seen:%Y-%m-%d} used the old zeros and is "
+            f"lost with them. Calibrate the camera again: ikservo calibrate {before.arm} "
             f"--camera {public_source(camera.source)}{named}"
         )
 

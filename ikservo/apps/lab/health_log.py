@@ -55,7 +55,7 @@ class HealthRecord(StrictModel):
 
     format: Literal[1] = Field(default=1, description="1")
     written: datetime = Field(strict=False, description="a date and time with UTC offset")
-    source: Literal["monitor", "identify"] = Field(description="the command")
+    source: Literal["monitor", "identify"] = Field(description="monitor or identify")
     joints: tuple[JointHealth, ...] = Field(strict=False, description="a list of objects")
 
 

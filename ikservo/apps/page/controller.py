@@ -44,10 +44,10 @@ from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 
 _ORBIT_RAD_PX = 0.008
-_AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
+_AWAY_TEXT = "Stopped: the page in control was hidden, closed or replaced."
 _HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new target
 _MAX_SILENCE_S = 2.5  # of the page, while it offers a grasp
-_GO_LIVE_TEXT = "The arm does not follow. The last goal was dropped."
+_GO_LIVE_TEXT = "The arm no longer follows. The last goal was dropped."
 
 Handler = Callable[[Any, Client], None]
 """Handler for one type of message."""
@@ -391,7 +391,7 @@ class SessionController:
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm or click a point first.")
         if path is None or path.number != message.path:
-            raise BadMessageError("The path to that target is not shown yet.", "Nothing moves.")
+            raise BadMessageError("The path to that target is not shown yet.", "Nothing moved.")
         path.plan_for(request)
         self._arm_thread.request_job(ExecutePath(path))
         self._grasp.drop()
@@ -408,7 +408,7 @@ class SessionController:
         picture, camera = self._require_picture(client)
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
-            raise BadMessageError("Nothing is picked up in Live.", "Switch Live off first.")
+            raise BadMessageError("Nothing can be picked up in Live.", "Switch Live off first.")
         self._grasp.request(self._circumstances())
         self._interaction.reset()
         self._grasp.choose(message, picture, camera, self._circumstances())
@@ -546,7 +546,7 @@ class SessionController:
         try:
             return CameraView(self._arm, cameras.video, self._clock, cameras.name)
         except IkservoError as error:
-            text = f"Clicks in the picture are not targets: {error.message} {error.command_hint}"
+            text = f"Clicks in the picture cannot set targets: {error.message} {error.command_hint}"
             self._interaction.log(text.rstrip())
             return None
 

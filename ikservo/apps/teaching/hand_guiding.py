@@ -145,7 +145,7 @@ def _require_gravity(context: ArmContext) -> FeedForward:
         if drive is None:
             model = context.model.joint(name).servo.model
             raise RefusedError(
-                f"The motor of {name} ({model}) is unknown, so its weight cannot be carried.",
+                f"The motor of {name} ({model}) is unknown, so it cannot carry the arm.",
                 "Teach it with torque off: leave out --float.",
             )
     return found

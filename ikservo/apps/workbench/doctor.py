@@ -187,7 +187,7 @@ def _scan_with_progress(port: Port, on_progress: Progress | None) -> list[FoundS
 
 def _duplicate_ids_finding(ids: Iterable[int]) -> Finding:
     listed = ", ".join(map(str, ids))
-    return failure("servos", f"several servos answer at id {listed}", DUPLICATE_ID_HINT)
+    return failure("servos", f"several servos share id {listed}", DUPLICATE_ID_HINT)
 
 
 _NO_POWER = "Check that the servos' power supply is on and the cable is in the right socket."

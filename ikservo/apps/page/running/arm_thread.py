@@ -61,7 +61,7 @@ _PLANNED_SILENCE_S = 2.5
 """Longest silence of the page, in seconds, that a planned and checked motion tolerates."""
 
 _SILENCE_TEXT = (
-    "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
+    "Stopped, because the page does not answer; torque stays on. Switch Live on to continue."
 )
 _JOB_SILENCE_TEXT = "Stopped: the page does not answer, or draws no new picture."
 _TORQUE_LOST_TEXT = (
