@@ -204,7 +204,7 @@ def test_new_servos_are_set_up_and_checked_on_the_page(page):
         page.click("#arms-setup")
         page.click("#dialogue form button:has-text('Answer')")
         expect(page.locator("#arms-check")).to_be_disabled()
-        page.wait_for_selector("#dialogue form:has-text('Make it id 1 at 1000000 baud')")
+        page.wait_for_selector("#dialogue form:has-text('Set it to id 1 at 1000000 baud')")
         page.click("#dialogue form button:has-text('yes')")
         page.wait_for_selector("#dialogue li:has-text('✓ shoulder_pan (id 1): id 9 → 1')")
         page.click("#dialogue button:has-text('Leave')")

@@ -84,7 +84,7 @@ def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
         ("teach home --float --for 1s", "The name of the pose is home, a pose of the arm"),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
-        ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
+        ("record wave.jsonl", "Cannot wait for Ctrl-C, because input is not a terminal."),
         ("record no/wave.jsonl --duration 1", "no/wave.jsonl cannot be written"),
         ("replay wave.jsonl", "wave.jsonl: does not exist"),
         ("replay wave.jsonl --speed swift", "There is no speed named 'swift'."),

@@ -79,7 +79,7 @@ def _range_issues(
         yield CalibrationError(
             f"{name} was moved by a full turn; the arm file expects "
             f"{_format_expected_range(subject)}.",
-            f"If it has no end stops, mark it as turning freely. Otherwise check for a loose horn.",
+            "If it has no end stops, mark it as turning freely. Otherwise check for a loose horn.",
         )
     if _fits_better_mirrored(state, subject):
         ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))

@@ -153,12 +153,12 @@ def test_set_up_on_page_gives_ids_and_can_begin_at_any_servo(panel):
     wait_for(panel, asked("Begin with the servo of"))
     assert panel.fields()["question"]["choices"][0] == "shoulder_pan"
     answer(panel, "")
-    wait_for(panel, asked("Make it id 1 at 1000000 baud, shoulder_pan?"))
+    wait_for(panel, asked("Set it to id 1 at 1000000 baud for shoulder_pan?"))
     answer(panel, "accept")
-    wait_for(panel, asked("Make it id 2 at 1000000 baud, shoulder_lift?"))
+    wait_for(panel, asked("Set it to id 2 at 1000000 baud for shoulder_lift?"))
     lines = panel.fields()["lines"]
     assert "✓ shoulder_pan (id 1): id 9 → 1" in lines
-    assert "Unplug it." in lines
+    assert "Unplug this servo." in lines
     answer(panel, "no")
     wait_for(panel, ended)
     assert panel.fields()["error"].startswith("Cancelled; this servo was not changed.")

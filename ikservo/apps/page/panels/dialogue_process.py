@@ -150,7 +150,7 @@ def _set_up(line: Connection, task: SetUpServos) -> EntryDialogue[DialogueEnd]:
         yield from configure_servos(
             opened, model, todo, _WAIT_S, lambda done: line.send(Notice(str(done)))
         )
-    return DialogueEnd("All servos are set up. Plug them together, then press Check.")
+    return DialogueEnd("All servos are set up. Connect them to each other, then press Check.")
 
 
 def _check(line: Connection, task: CheckServos) -> EntryDialogue[DialogueEnd]:
