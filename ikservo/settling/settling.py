@@ -160,7 +160,7 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
         why = (
             reason.text
             if reason
-            else "its friction would make a correction overshoot"
+            else "its friction would make it overshoot"
             if joint.arrived
             else "timeout"
         )

@@ -54,7 +54,8 @@ def lines_of(result, topic):
         (lambda s: s[3].memory.put("model_number", 9), "models",
          "✗ models    elbow_flex (id 3) is a servo of unknown model 9, not a STS3215"),
         (lambda s: s[3].memory.put("max_voltage_limit", 60), "supply",
-         "✗ supply    elbow_flex (id 3) has a supply voltage of 7.4 V; the allowed range is 4.0 to 6.0 V"),
+         "✗ supply    elbow_flex (id 3) has a supply voltage of 7.4 V; "
+         "the allowed range is 4.0 to 6.0 V"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 64.0), "heat",
          "! heat      elbow_flex (id 3) is at 63 °C"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 68.0), "heat",
