@@ -292,5 +292,6 @@ def test_doctor_reports_wrong_supply_of_all_servos_once(run_cli, tmp_path):
     done = run_cli(f"doctor --arm so101 --port sim:?faults={faults}")
     bad = [line for line in done.out.splitlines() if line.startswith("✗")]
     assert bad == [
-        "✗ supply    all 6 servos have a supply voltage of 12.0 V; the allowed range is 4.0 to 8.0 V"
+        "✗ supply    all 6 servos have a supply voltage of 12.0 V; "
+        "the allowed range is 4.0 to 8.0 V"
     ]
