@@ -217,12 +217,8 @@ class BoardPictures:
     ) -> CameraResult:
         """Estimate camera and arm; see ``CameraResult``.
 
-        Args:
-            missed: Number of pictures in which the board was not seen.
-            duration_s: Time from the first picture to the last.
-            extents: The parameters that may be estimated.
-            by_hand: Whether the user held the arm. Several fractions of its weight are then tried;
-                the one that best predicts left-out pictures is used.
+        ``missed`` pictures do not show the board. If the user held the arm (``by_hand``), several
+        fractions of its weight are tried; the one that best predicts left-out pictures is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.

@@ -50,12 +50,7 @@ class Certificate:
 def open_server(
     listen: Endpoint, certificate: Certificate | None, access: Mapping[str, object] | None
 ) -> Generator[zenoh.Session]:
-    """Listen at an endpoint; the session is closed at the end of the block.
-
-    Args:
-        listen: The endpoint.
-        certificate: The certificate of the server; needed for TLS.
-        access: Zenoh's access control; needed for TLS.
+    """Listen at an endpoint in the block; TLS needs the server's certificate and access control.
 
     Raises:
         PortError: The endpoint is in use, or the certificate cannot be used.

@@ -120,13 +120,7 @@ def describe_arm(
 ) -> RecordedArm:
     """Return the data of an arm that a recording needs besides its samples.
 
-    Args:
-        model: The arm.
-        chain: The calibrated chain of the arm.
-        period_s: Time between two samples.
-        zeros: The source of the joint zeros.
-        serial_number: The serial number of the adapter, which identifies the calibration on this
-            machine; empty for an adapter without one, None if the arm is on another machine.
+    An empty serial number means an adapter without one; None, an arm on another machine.
 
     Raises:
         BadValueError: The period is out of its range.

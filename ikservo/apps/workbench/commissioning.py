@@ -78,12 +78,6 @@ def configure_servo(
 ) -> Dialogue[ConfiguredServo]:
     """Wait for one servo, and give it its id, baud rate and settings.
 
-    Args:
-        line: The port, see ``open_line``.
-        model: The arm.
-        settings: The desired settings of the servo.
-        wait_s: The time to wait until it is plugged in.
-
     Raises:
         PortError: The port is lost.
         ServoSilentError: No servo was plugged in, or several are.

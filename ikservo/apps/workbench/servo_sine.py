@@ -142,14 +142,8 @@ def measure_sine(
 ) -> SineResponse:
     """Move a joint on a sine around its position, and return the response of its servo.
 
-    ikservo's own corrections are off, so that only the servo with its gains is measured.
-
-    Args:
-        arm: The arm; its other joints hold.
-        joint: A revolute joint.
-        amplitude_rad: The amplitude.
-        from_hz: The frequency, or the lowest one of a sweep.
-        to_hz: The highest frequency; equal to the lowest for a single one.
+    ikservo's own corrections are off, so that only the servo with its gains is measured. The
+    frequency sweeps from ``from_hz`` to ``to_hz``, unless they are equal; other joints hold.
 
     Raises:
         BadValueError: The amplitude is smaller than 0.5°, or a frequency is out of range.

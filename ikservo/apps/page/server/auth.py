@@ -85,13 +85,8 @@ def is_allowed_origin(
     """Check whether a request comes from our own page, or from a user who opens the page.
 
     A foreign host name that resolves to this machine (DNS rebinding) is not our own address, and a
-    page of another site has another origin.
-
-    Args:
-        headers: The request's headers.
-        local: The address and port at which the connection arrived.
-        upgrade: Whether the request is for a websocket; such requests always carry an origin.
-        secure: Whether the connection is TLS.
+    page of another site has another origin. Requests for a websocket (``upgrade``) always carry an
+    origin.
     """
     unique = _single_headers(headers)
     if unique is None:
