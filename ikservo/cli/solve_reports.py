@@ -45,10 +45,7 @@ def explain_unreachable(chain: Chain, target: Target) -> str:
 def ask_about_millimetres(chain: Chain, position_m: Sequence[float], command: str) -> None:
     """Suggest millimetres on stderr if the arm could reach the point in millimetres.
 
-    Args:
-        chain: The arm.
-        position_m: The point (3,) as interpreted in metres.
-        command: The command to suggest, with ``{}`` for the point.
+    ``command`` has ``{}`` for the point.
     """
     meant = in_millimetres(chain, position_m)
     if meant:

@@ -147,23 +147,14 @@ class PacketCodec(Protocol):
         ...
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-        """Find the status packets.
-
-        Args:
-            data: The bytes so far.
-            sizes: Bytes of data in the expected replies.
-            final: Whether no more bytes will come.
-        """
+        """Find the status packets of the expected data sizes; ``final``: no more bytes come."""
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
         """Parse the bytes if they are exactly the expected replies, without errors and in order.
 
-        This is the fast path for a healthy line; ``scan`` handles everything else.
-
-        Args:
-            data: The bytes, as many as the replies have.
-            sizes: Bytes of data of each reply, by servo id in the order of the replies.
+        This is the fast path for a healthy line; ``scan`` handles everything else. ``sizes`` are
+        bytes of data by servo id, in the order of the replies.
         """
         ...
 

@@ -139,14 +139,9 @@ def ping_ids(
 ) -> PingResults:
     """Ping ids one after the other at the port's baud rate.
 
-    Args:
-        port: The port.
-        framing: The packet framing.
-        servo_ids: The ids to ping; an id may occur several times.
-        on_ping: Called with the number of pings sent so far.
-        echoes: Whether the adapter echoes; None detects it, which takes several ids.
-        one_by_one: Whether to wait for each reply, and briefly for a second one, and to stop if the
-            first pings have no reply.
+    An id may occur several times. If ``echoes`` is None, echoes are detected, which takes several
+    ids. With ``one_by_one``, each reply and briefly a second one are awaited, and the sweep ends if
+    the first pings have no reply.
 
     Raises:
         PortLostError: The port is lost.

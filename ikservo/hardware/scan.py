@@ -175,11 +175,7 @@ OnScanStep = Callable[[ScanProgress], None]
 
 
 def candidate_baud_rates(first: int | None = None) -> list[int]:
-    """Return every rate that a known model supports, the likely ones first.
-
-    Args:
-        first: A rate to begin with.
-    """
+    """Return every rate that a known model supports: ``first``, if given, then the likely ones."""
     known = frozenset[int]().union(*(framing.baud_rates for framing in FRAMINGS))
     rates = [first] if first else []
     rates += [rate for rate in _COMMON_RATES if rate in known]
@@ -195,13 +191,8 @@ def scan(
 ) -> list[FoundServo]:
     """Return the servos that reply, at the first rate at which any servo does.
 
-    The port is left at the rate of the last servo that was found.
-
-    Args:
-        port: The port.
-        rates: Rates to try, in this order; None: all known rates.
-        all_rates: Whether to continue to the last rate.
-        on_step: Called with the progress.
+    The port is left at the rate of the last servo that was found. ``all_rates`` continues to the
+    last of the rates, by default all known ones.
 
     Raises:
         PortLostError: The port is lost.
@@ -274,13 +265,7 @@ def scan_port(
     all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Open a port, return the servos that reply on it, and close it.
-
-    Args:
-        name: The port.
-        rates: Baud rates, tried in this order.
-        all_rates: Whether to continue after the first rate at which servos reply.
-        on_step: Called with the progress.
+    """Open a port, return the servos that reply on it, and close it; see ``scan``.
 
     Raises:
         PortError: The port cannot be opened, or is lost.

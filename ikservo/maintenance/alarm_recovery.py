@@ -50,10 +50,6 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     torque is switched off, and on again at its position if it was on. A Dynamixel is restarted only
     if ``reboot`` is true; this switches its torque off.
 
-    Args:
-        bus: The servo bus.
-        reboot: Whether servos that need it may be restarted.
-
     Raises:
         PortLostError: The port was lost.
         StoppedError: Another program has stopped this one; the remaining servos are unchanged.

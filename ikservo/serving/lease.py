@@ -102,9 +102,7 @@ class ArmLease:
     def acquire(self, operator: str, *, take_over: bool = False) -> Holder:
         """Give the lease to an operator.
 
-        Args:
-            operator: The name of the operator.
-            take_over: Whether to take the lease from the holder, as the pages of one person do.
+        ``take_over`` takes the lease from the holder, as the pages of one person do.
 
         Raises:
             RefusedError: Another operator controls the arm, or the lease was closed.
