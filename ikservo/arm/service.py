@@ -82,8 +82,6 @@ class ArmService:
         on_lost: Called after a running motion ended because its operator fell silent.
 
     Attributes:
-        arm: The arm.
-        clock: The clock of the lease.
         lease: The control lease of the arm.
     """
 

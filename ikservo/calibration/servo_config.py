@@ -141,12 +141,7 @@ def expected_registers(
 class RegisterMismatch:
     """A register that differs from its value when the arm was calibrated.
 
-    Attributes:
-        joint: The servo's joint.
-        servo_id: The servo id.
-        register: The name of the register; ``model`` for the servo itself.
-        expected: The value in the file.
-        found: The value in the servo.
+    The name ``model`` stands for the servo itself.
     """
 
     joint: str

@@ -119,12 +119,7 @@ _NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Result of a command.
-
-    Attributes:
-        code: The exit code.
-        interrupted: Whether Ctrl-C stopped it.
-    """
+    """Exit code of a command, and whether Ctrl-C stopped it."""
 
     code: int
     interrupted: bool = False

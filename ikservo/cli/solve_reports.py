@@ -223,13 +223,7 @@ _RUNS, _ENOUGH_S = 5, 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodResult:
-    """The result of one method for a target.
-
-    Attributes:
-        method: The name of the method.
-        result: The result, with its trace.
-        time_s: The minimum time without a trace, after warm-up.
-    """
+    """The result of one method with its trace, and its best time without one, after warm-up."""
 
     method: str
     result: Result

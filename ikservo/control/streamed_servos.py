@@ -63,8 +63,6 @@ class StreamedServos:
         clock: The clock of the bus.
 
     Attributes:
-        clock: The clock of the bus.
-        driven_joints: The joints, each with its servo, limits and speed.
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
         torque: Whether the servos hold, and whether a control loop is running.

@@ -93,12 +93,7 @@ class StopLatch:
 
 @dataclass(frozen=True, slots=True)
 class PassedGoals:
-    """Goals that passed the gate; they are written, and then committed.
-
-    Attributes:
-        ticks: The goals.
-        time_s: Gate-clock time for which the goals were checked.
-    """
+    """Goals that passed the gate for a time of its clock; they are written, then committed."""
 
     ticks: TickRow
     time_s: float

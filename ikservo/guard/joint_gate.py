@@ -52,7 +52,6 @@ class JointGate:
         driven: The joint.
 
     Attributes:
-        driven: The joint.
         goal: The last goal that was sent; None if no goal is in force.
         measured: The last measured tick; None before the first measurement.
     """

@@ -48,7 +48,6 @@ class ServoBus(RegisterAccess):
         fast: Whether fast sync read is tried where the family supports it.
 
     Attributes:
-        port: The port.
         servos: The servos by id.
     """
 

@@ -33,13 +33,7 @@ from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
 
 @dataclass(frozen=True, slots=True)
 class RegisterDifference:
-    """A register whose value differs from the expected one.
-
-    Attributes:
-        register: The register.
-        found: The raw number in the register.
-        expected: The raw number that should be in the register.
-    """
+    """A register whose raw number differs from the expected one."""
 
     register: Register
     found: int

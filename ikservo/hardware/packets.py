@@ -59,12 +59,7 @@ Reply = Status | ReplyFault
 
 @dataclass(frozen=True, slots=True)
 class MemoryRange:
-    """A range of a servo's memory.
-
-    Attributes:
-        address: First byte.
-        size: Number of bytes.
-    """
+    """A range of a servo's memory: ``size`` bytes from ``address`` on."""
 
     address: int
     size: int
@@ -106,13 +101,7 @@ MAX_RETURN_DELAY_S = 254 * 2e-6
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """A status packet whose checksum is right.
-
-    Attributes:
-        servo_id: The sender.
-        error: The error byte.
-        data: The parameters.
-    """
+    """A status packet whose checksum is right: its sender, error byte and parameters."""
 
     servo_id: int
     error: int

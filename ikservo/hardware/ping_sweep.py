@@ -31,15 +31,7 @@ class _PacketScanner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """A packet framing.
-
-    Attributes:
-        name: Name for messages.
-        families: The protocol families that use it.
-        ids: The ids that a servo can have.
-        ping_bytes: Length of the ping.
-        reply_bytes: Length of the reply.
-    """
+    """A packet framing, its protocol families, and the lengths of a ping and its reply."""
 
     name: str
     families: tuple[Family, ...]

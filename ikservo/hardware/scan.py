@@ -155,14 +155,7 @@ _COMMON_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 50
 
 @dataclass(frozen=True, slots=True)
 class ScanProgress:
-    """Progress of a scan.
-
-    Attributes:
-        baud_rate: The current rate.
-        protocol: The current framing.
-        pinged: Ids pinged so far at this rate and framing.
-        ids: The number of ids.
-    """
+    """Progress of a scan: ids pinged so far at this rate and framing, and their number."""
 
     baud_rate: int
     protocol: str

@@ -19,12 +19,7 @@ _MOST_STEPS = 500  # maximum number of steps along a ray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ray:
-    """A half line, such as the line of sight of a pixel.
-
-    Attributes:
-        origin_m: The start (3,), metres.
-        direction: A unit vector (3,).
-    """
+    """A half line, such as the line of sight of a pixel: origin (3,), unit direction (3,)."""
 
     origin_m: Vector
     direction: Vector

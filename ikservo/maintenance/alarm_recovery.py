@@ -21,14 +21,9 @@ _NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikserv
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """The recovery of one servo.
+    """The recovery of one servo, in words for the user, and its alarms before and after.
 
-    Attributes:
-        servo: The servo.
-        before: The alarms before the recovery.
-        after: The alarms after the recovery.
-        action: The action taken, as text for the user.
-        torque: Whether torque is on; None if the servo does not reply.
+    Torque is None if the servo does not reply.
     """
 
     servo: ServoSpec

@@ -162,12 +162,7 @@ class StopResult:
 
 @dataclass(frozen=True, slots=True)
 class StopAllResult:
-    """The outcome of stopping several arms.
-
-    Attributes:
-        stopped: The arms that have confirmed the stop.
-        errors: Errors for arms that could not be stopped or did not confirm the stop.
-    """
+    """The arms that have confirmed a stop, and an error for each other arm."""
 
     stopped: tuple[StopResult, ...] = ()
     errors: tuple[IkservoError, ...] = ()

@@ -21,13 +21,7 @@ _MAX_AHEAD_S = 0.3  # a message further ahead means that the clocks were not com
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """The operator who controls an arm.
-
-    Attributes:
-        lease: The proof of control that each message carries.
-        operator: The name of the operator, for other people.
-        since_s: Start of the control, by the clock of the server.
-    """
+    """The operator who controls an arm, the proof of it, and its start by the server's clock."""
 
     lease: str
     operator: str
@@ -50,7 +44,6 @@ class ArmLease:
         timeout_s: The time for which a message is valid and keeps a motion running.
 
     Attributes:
-        timeout_s: The dead-man time-out.
         dropped: The number of setpoints that were dropped.
     """
 

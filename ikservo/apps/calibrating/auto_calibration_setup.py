@@ -296,13 +296,7 @@ class PosturePlanner:
 
 @dataclass(frozen=True, slots=True)
 class _JointSearch:
-    """The motion of one joint to its end, for any posture of the other joints; rad or m.
-
-    Attributes:
-        column: The joint's column in the chain's vectors.
-        start: The start.
-        end: The end.
-    """
+    """The motion of one joint to its end, for any posture of the other joints; rad or m."""
 
     column: int
     start: float

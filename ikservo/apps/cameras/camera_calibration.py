@@ -106,12 +106,7 @@ class CameraResult:
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """An arm as it was before the pictures were taken.
-
-    Attributes:
-        model: The arm file's model.
-        calibration: The calibration with which its joints are measured; None for a simulated arm.
-    """
+    """An arm as it was before the pictures were taken; if simulated, without calibration."""
 
     model: Model
     calibration: Calibration | None

@@ -66,12 +66,7 @@ class TourOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExcitationLeg:
-    """A motion between two postures, with a pause before it.
-
-    Attributes:
-        start_s: Time at which the motion starts.
-        move: The motion.
-    """
+    """A motion between two postures that starts at ``start_s``, after a pause."""
 
     start_s: float
     move: JointMove

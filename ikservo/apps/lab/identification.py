@@ -53,13 +53,7 @@ _TIGHT = 1e-3  # prior of a parameter that is not estimated
 
 @dataclass(frozen=True, slots=True)
 class ParameterEstimate:
-    """One estimated parameter.
-
-    Attributes:
-        value: The estimated value.
-        error: The standard error.
-        error_before: The prior standard deviation.
-    """
+    """One estimated parameter, its standard error, and its prior standard deviation."""
 
     value: float
     error: float

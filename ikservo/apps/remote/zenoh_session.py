@@ -33,13 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The files of a certificate.
-
-    Attributes:
-        authority: The certificate of the authority that both ends trust.
-        certificate: The certificate of this end.
-        key: The private key of this end.
-    """
+    """The files of this end's certificate and private key, and of the authority that both trust."""
 
     authority: Path
     certificate: Path

@@ -32,13 +32,7 @@ StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 
 @dataclass(frozen=True, slots=True)
 class StepCheck:
-    """Result of checking a step.
-
-    Attributes:
-        number: The number of the step, from 1.
-        step: The step.
-        error: The reason why the step is impossible; None if it is possible.
-    """
+    """Result of checking a step, numbered from 1; it is possible if there is no error."""
 
     number: int
     step: ProgramStep

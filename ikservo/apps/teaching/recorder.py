@@ -50,13 +50,7 @@ _HEALTH_PERIOD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:
-    """Result of a recording.
-
-    Attributes:
-        path: The file.
-        samples: The number of samples.
-        duration_s: Time from the first to the last sample.
-    """
+    """Result of a recording; its duration is that from the first to the last sample."""
 
     path: Path
     samples: int

@@ -23,13 +23,7 @@ from ikservo.registers import control_table
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredServo:
-    """A servo after its set-up.
-
-    Attributes:
-        servo: The servo, with its id, table and joint.
-        found: The settings before the set-up.
-        written: Descriptions of the changes; empty if there were none.
-    """
+    """A servo after its set-up, with its former settings and descriptions of the changes."""
 
     servo: ServoSpec
     found: FoundServo

@@ -29,13 +29,7 @@ _STEP_S = 0.0005  # time between two points of a motion
 
 @dataclass(frozen=True, slots=True)
 class FrequencyPoint:
-    """Response of a servo at one frequency.
-
-    Attributes:
-        frequency_hz: The frequency.
-        amplitude_ratio: The ratio of the joint's amplitude to that of its goal.
-        phase_lag_rad: The phase lag of the joint behind its goal.
-    """
+    """Response of a joint at one frequency: amplitude ratio to its goal, and lag behind it."""
 
     frequency_hz: float
     amplitude_ratio: float

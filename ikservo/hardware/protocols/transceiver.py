@@ -172,12 +172,7 @@ _NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Sends requests on a port and receives the replies.
-
-    Attributes:
-        port: The line.
-        codec: The status packet codec.
-    """
+    """Sends requests on a port and receives the replies."""
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec

@@ -15,12 +15,7 @@ _ONE_GESTURE_S = 0.7  # messages of one kind within this time are one gesture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastGoal:
-    """An earlier target.
-
-    Attributes:
-        goal: All joints (n,), rad or m; None if there was no goal.
-        marker: The marker of the target, if there was one.
-    """
+    """An earlier target: all joints (n,), rad or m, and the marker, if there were any."""
 
     goal: Vector | None
     marker: TargetMarker | None

@@ -38,12 +38,7 @@ class Permission(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class AccessTokens:
-    """The two secrets of one session; neither is ever sent over the network.
-
-    Attributes:
-        control: Permits moving the arm.
-        watch: Permits watching.
-    """
+    """The two secrets of one session, to move or to watch; neither is sent over the network."""
 
     control: str
     watch: str
