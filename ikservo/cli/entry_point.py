@@ -244,6 +244,7 @@ def _run_command(args: list[str]) -> int:
         if explain is None:
             raise
         message = str(explain()).replace("\N{MINUS SIGN}", "-").strip()
+        message = message.replace(": Value error, ", ": ")  # typer's prefix of a wrong choice
         if not message:  # no arguments: the help has been printed
             return ExitCode.USAGE
         path = getattr(getattr(error, "ctx", None), "command_path", "ikservo")

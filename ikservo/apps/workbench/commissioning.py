@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from ikservo.apps.workbench.provisioning import (
     ServoSettings,
@@ -28,6 +29,9 @@ class ConfiguredServo:
     servo: ServoSpec
     found: FoundServo
     written: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"✓ {self.servo}: {', '.join(self.written) or 'nothing to change'}"
 
 
 def planned_settings(model: Model) -> list[ServoSettings]:
@@ -65,6 +69,31 @@ def open_line(model: Model, port: str | None) -> Port:
         PortError: There is no port, or it cannot be opened.
     """
     return open_port(resolve_port(model, port), model.baud_rate)
+
+
+def configure_servos(
+    line: Port,
+    model: Model,
+    todo: Sequence[ServoSettings],
+    wait_s: float,
+    on_configured: Callable[[ConfiguredServo], None],
+) -> Dialogue[None]:
+    """Configure one servo after another, each plugged in alone; see ``configure_servo``.
+
+    Args:
+        line: The port, see ``open_line``.
+        model: The arm.
+        todo: The desired settings of the servos, see ``remaining_settings``.
+        wait_s: The time to wait until a servo is plugged in, or unplugged.
+        on_configured: Called with each servo that is done.
+    """
+    for number, settings in enumerate(todo, start=1):
+        configured = yield from configure_servo(line, model, settings, wait_s)
+        on_configured(configured)
+        if number < len(todo):
+            yield Notice("Unplug it.")
+            now = replace(configured.found, id=settings.servo.id, baud_rate=settings.baud_rate)
+            wait_until_unplugged(line, now, wait_s)
 
 
 def configure_servo(
@@ -114,17 +143,3 @@ def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[
             yield Notice(
                 f"More than one servo answers: {listed}. Plug in only the servo of {name}."
             )
-
-
-def wait_for_unplugging(
-    line: Port, configured: ConfiguredServo, settings: ServoSettings, wait_s: float
-) -> None:
-    """Wait until a finished servo no longer replies.
-
-    Raises:
-        ServoSilentError: The servo was not unplugged in time.
-        PortLostError: The port is lost.
-    """
-    found = configured.found
-    now = FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)
-    wait_until_unplugged(line, now, wait_s)

@@ -254,7 +254,8 @@ def wait_for_servo(
         found: list[FoundServo] = []
         for place_rate, framing in _search_places(table, rate, before, attempt):
             yield place_rate
-            found += scan_rate(port, place_rate, [framing])
+            seen = scan_rate(port, place_rate, [framing])  # some places are searched twice
+            found += [each for each in seen if _places_of([each])[0] not in _places_of(found)]
         if _places_of(found) != _places_of(before):
             yield found
         if len(found) == 1 and not found[0].shares_id and _places_of(found) == _places_of(before):

@@ -137,6 +137,17 @@ def test_setup_json_has_one_object_per_servo(set_up):
     }  # fmt: skip
 
 
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("arm", ["so101", "koch", "wx250s"])
+def test_simulated_hand_plugs_in_new_servos_one_by_one(run_cli, arm):
+    result = run_cli(f"setup {arm} --port sim:?hand=setup --yes")
+    assert result.code == 0, result.err
+    first, *others = result.out.splitlines()
+    assert "id 9 → 1" in first
+    assert all(f"id 1 → {servo_id}" in line for servo_id, line in enumerate(others, start=2))
+    assert "More than one servo" not in result.err  # one servo was listed twice
+
+
 def test_setup_names_joint_and_asks_to_unplug(set_up):
     _, result = set_up["koch"]
     assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in result.err
