@@ -82,9 +82,6 @@ def install_command(extra: str = "") -> str:
 
     The command names the source of this copy, because ``pip install ikservo`` cannot find an
     unpublished one, and it uses the installer that made the environment.
-
-    Args:
-        extra: An optional dependency, such as ``view``; empty for none.
     """
     receipt = Path(sys.prefix) / "uv-receipt.toml"
     extras = {extra} - {""}
@@ -110,11 +107,7 @@ def install_hint(message: str) -> str:
 
 
 def pip_command(verb: str) -> str:
-    """Return the pip command for an action in the environment of this copy.
-
-    Args:
-        verb: ``install`` or ``uninstall``.
-    """
+    """Return the pip command for an action in the environment of this copy."""
     from importlib.util import find_spec  # noqa: PLC0415  # only a message needs it
 
     own = Path(sys.executable).parent

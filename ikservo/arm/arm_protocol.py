@@ -210,12 +210,7 @@ class OpenArm(MotionMethods, Protocol):
     ) -> AbstractContextManager[Iterator[dict[str, float] | None]]:
         """Return, for a ``with`` block, the measured joint positions for a follower.
 
-        For functions of this package.
-
-        Args:
-            joints: The joints that the follower also has.
-            period_s: Time between two items; an item is None if nothing newer is known.
-            until: Returns True to end the measurements.
+        For functions of this package. An item is None if nothing newer is known.
         """
         ...
 

@@ -60,12 +60,8 @@ if TYPE_CHECKING:
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
-    From then on, the user's other programs can stop this one.
-
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        retries: The number of repetitions of a request whose reply is lost.
+    From then on, the user's other programs can stop this one. A request whose reply is lost is
+    repeated ``retries`` times.
 
     Raises:
         InputError: The model names no servos.
@@ -291,9 +287,7 @@ def _make_limits(own: CalibratedArm, model: Model) -> list[DrivenJoint]:
 def make_collision_checker(model: Model, own_chain: Chain | None = None) -> CollisionChecker:
     """Make the collision checker of an arm with its gripper; the arm may sag under its weight.
 
-    Args:
-        model: The arm.
-        own_chain: The calibrated chain, whose links may deviate from the sensor readings.
+    The links of ``own_chain``, the calibrated one, may deviate from the sensor readings.
     """
     body = collision_body_with_gripper(model)
     checker = CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))

@@ -93,12 +93,7 @@ def _run_around(
     """Execute the plan of a motion; replan each time an obstacle enters its path.
 
     The stop for replanning is acknowledged. Any other stop, even in the meantime, ends the request.
-
-    Args:
-        arm: The arm.
-        motion: The motion; None if only its plan is known.
-        plan: The first plan; None if it must still be made.
-        on_progress: Called in every control cycle.
+    The motion is None if only its plan is known; the plan, if it must still be made.
     """
     stops, replans = arm.context.servos.stop_request, getattr(motion, "replan", False)
     count = stops.count_at_request

@@ -125,14 +125,8 @@ def commit(
 
     If this transaction fails, the changes of an earlier temporary one are undone too.
 
-    Args:
-        bus: The servos, torque off.
-        journal_path: The journal during the transaction.
-        path: The calibration file.
-        text: The new content of the file; empty for no file; ignored if temporary.
-        changes: The new registers of the servos.
-        temporary: Whether the changes only serve a search for end stops. The journal then stays
-            until ``roll_back`` or the next ``commit``.
+    An empty text means no file. A ``temporary`` transaction only serves a search for end stops: the
+    text is ignored, and the journal stays until ``roll_back`` or the next ``commit``.
 
     Raises:
         CalibrationError: Writing failed and could not be undone; the message says how to continue.

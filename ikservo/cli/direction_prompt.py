@@ -27,10 +27,6 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
 
     An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
 
-    Args:
-        machine: The arm, before it moves.
-        options: Determine whether the test or the questions to the user are skipped.
-
     Raises:
         CalibrationError: A joint is not the expected one.
         InputError: There is no user to watch the motions.

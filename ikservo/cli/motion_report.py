@@ -29,15 +29,7 @@ def print_plan(
     *,
     json: bool,
 ) -> None:
-    """Print a plan.
-
-    Args:
-        plan: The motion.
-        model: The arm.
-        goal: Goal positions, rad or m by joint name.
-        change_rad: Rotation of the tool.
-        json: Whether to print one JSON object.
-    """
+    """Print a plan, its goal (rad or m by joint), and the rotation of the tool."""
     if not json:
         joints: dict[str, tuple[float, JointUnit]] = {
             name: (at, model.joint(name).joint_map.unit) for name, at in goal.items()

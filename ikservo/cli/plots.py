@@ -193,12 +193,7 @@ def plot_solution(
 ) -> None:
     """Draw the arm at the start and at each solution, and the error along each trace.
 
-    Args:
-        file: The file; ``.svg`` or ``.png``.
-        model: The arm.
-        target: The target.
-        start: Joints (dof,) at the start.
-        solutions: Results with their names; those with a trace get a curve.
+    The suffix of the file is ``.svg`` or ``.png``. Results with a trace get a curve.
     """
     poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
     # Later lines are thinner, so that equal ones stay visible.
@@ -314,13 +309,7 @@ def plot_workspace(
 ) -> None:
     """Draw a slice as one picture, or a volume as its projections from three sides.
 
-    Args:
-        region: The reachable region.
-        model: The arm.
-        home: The joints (dof,) in which the arm is drawn.
-        title: The title of the figure.
-        file: The file; ``.svg`` or ``.png``.
-        point_m: A point (3,) of the base frame to mark, if any.
+    The arm is drawn at ``home`` (dof,); a point (3,) of the base frame is marked, if given.
 
     Raises:
         InputError: The file cannot be written.

@@ -37,10 +37,8 @@ def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Gen
 
     A stop for another reason ends the command at once; the arm holds.
 
-    Args:
-        machine: The arm that the command moves.
-        clock: Measures the wait for the second signal; None uses the computer's clock, also for
-            simulated arms, because the user acts in real time.
+    Without a clock, the computer's clock measures the wait for the second signal, also for
+    simulated arms, because the user acts in real time.
     """
     clock = clock or RealClock()
     try:

@@ -235,13 +235,8 @@ def prepare_servos(
 ) -> float:
     """Set limits, arm watchdogs and read all telemetry; repeat if that took too long.
 
-    A watchdog that trips in the meantime resets the limits.
-
-    Args:
-        limits: The limits of the servos.
-        health_poller: Reads the telemetry; None before torque was first switched on.
-        clock: The clock of the bus.
-        horn_rad_s: The top speed of the motion.
+    A watchdog that trips in the meantime resets the limits. The poller is None before torque was
+    first switched on.
 
     Returns:
         The start time of the first cycle, which includes any pause since then.

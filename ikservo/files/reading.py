@@ -76,10 +76,6 @@ def require_file(path: Path) -> None:
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
     """Parse the value of a JSON text; refuse a key that appears twice, NaN and Infinity.
 
-    Args:
-        text: The text.
-        parse_int: The function that parses integers; None: all integers are accepted.
-
     Raises:
         ValueError: The text is not valid JSON, or not UTF-8.
         RecursionError: The text is nested too deeply.

@@ -32,12 +32,7 @@ class TrackingMonitor:
     def for_limits(
         cls, limits: Sequence[DrivenJoint], speeds: Sequence[float] | None = None
     ) -> TrackingMonitor:
-        """Return a monitor for joints whose goals keep the gate's maximum lead.
-
-        Args:
-            limits: The joint limits, in the order of the vectors (n,).
-            speeds: Maximum joint speeds in the motion, rad/s or m/s; None for their own.
-        """
+        """Return a monitor for joints (n,) whose goals keep the gate's maximum lead."""
         max_error = [
             _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick
             for driven, speed in zip(limits, speeds or [each.speed for each in limits], strict=True)

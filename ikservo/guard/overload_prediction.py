@@ -126,13 +126,9 @@ class OverloadMonitor:
         time_s: float,
         references: Sequence[int] | None = None,
     ) -> tuple[str, ...]:
-        """Process the present goals and measured ticks; return new warnings.
+        """Process goals, and ticks of the joints that replied; return new warnings.
 
-        Args:
-            goals: The goals.
-            ticks: The ticks of the joints that replied.
-            time_s: The time of the goals.
-            references: The reference of the joints; None uses the goals.
+        Without references of the joints, the goals are used.
         """
         self._time_s = time_s
         warnings, self._news = self._news, []
@@ -181,10 +177,6 @@ class OverloadMonitor:
 
         A goal that is already near enough is left out. No goal is moved away from the measured
         tick, because causes other than the lag, such as an I gain, may add to the measured load.
-
-        Args:
-            goals: The present goals.
-            ticks: The measured ticks.
         """
         drawn: list[int | None] = [None] * len(goals)
         for name in self.rules:

@@ -80,10 +80,7 @@ class GravitySag:
 def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
     """Return the sag of an arm with its gripper under its weight.
 
-    Args:
-        model: The arm.
-        body: The links of the arm, and the things that it holds.
-        held: The things that the arm holds; together they count as the largest payload.
+    The things that it holds together count as the largest payload.
     """
     chain = body.chain
     masses = link_masses(model, chain)

@@ -228,13 +228,7 @@ _RESET_HINT = (
 def power_lost_error(
     joints: Sequence[str], silent: Sequence[str], *, holds: bool
 ) -> ServoAlarmError | ServoSilentError:
-    """Return the error for an arm that has lost its power during a motion.
-
-    Args:
-        joints: All joints.
-        silent: Joints whose servos do not answer.
-        holds: Whether a servo has switched its torque on again.
-    """
+    """Return the error for an arm that has lost its power during a motion."""
     if len(silent) == len(joints):
         found = "does not answer; it has most likely lost its power, has fallen and is limp"
         hint = "Support it, then check the power. If only the data cable is loose, it still holds."
@@ -256,11 +250,7 @@ def say_what_fell(
 ) -> ServoAlarmError | ServoSilentError:
     """Add to an error which joints have fallen and which hold; return the error.
 
-    Args:
-        error: The error.
-        limp: Joints whose servos answer without torque.
-        caught: Joints whose servos were reset and have torque again.
-        silent: Joints whose servos do not answer.
+    ``limp`` servos answer without torque; ``caught`` ones were reset and have torque again.
     """
     is_known = "limp" in error.command_message
     states = [

@@ -32,10 +32,6 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
     servos are silent, others may be on the line; searching for them takes up to two seconds.
 
-    Args:
-        bus: The bus.
-        error: The error with which the request failed.
-
     Raises:
         BadReplyError: Several servos reply at one id; all such ids are named.
         ServoSilentError: Servos are silent and others were found; they are named.
@@ -115,10 +111,7 @@ def find_unexpected_servos(
 ) -> list[FoundServo]:
     """Find servos that may be the silent ones, first with the expected ids, then with any id.
 
-    Args:
-        port: The port; its rate is restored.
-        silent: The servos that do not reply.
-        known: The ids of all servos that should be on the line.
+    ``known`` are the ids that should be on the line. The port keeps its rate.
 
     Raises:
         PortLostError: The port is lost.

@@ -257,11 +257,8 @@ class RegisterAccess:
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
         must be the servo's position. A servo whose torque was off and is not known to be on after
         the block is switched off, in case its goal switched it on; if the block fails, this is done
-        for all such servos.
-
-        Args:
-            measured: The present position of each servo, raw ticks by id, read just before,
-                together with its torque.
+        for all such servos. ``measured`` are raw ticks by id, read just before, together with the
+        torque.
 
         Raises:
             StoppedError: Another program has stopped this one; see ``check_may_move``.

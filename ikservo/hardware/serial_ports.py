@@ -135,12 +135,7 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
 
 
 def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterator[AdapterEvent]:
-    """Yield an event whenever an adapter is plugged in or unplugged; never ends.
-
-    Args:
-        clock: The clock; the real one if None.
-        period_s: Time between two polls.
-    """
+    """Yield an event whenever an adapter is plugged in or unplugged; never ends."""
     clock, before = clock or RealClock(), list_adapters()
     while True:
         clock.sleep_until(clock.now_s() + period_s)
@@ -209,13 +204,7 @@ _URL_FORMATS = "a network port is written as socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Return an error that explains why a port did not open and what the user can do.
-
-    Args:
-        name: The name that the user gave.
-        baud_rate: The requested rate.
-        error: The error of the system or of pyserial.
-    """
+    """Return an error that explains why a port did not open and what the user can do."""
     code = error.errno if isinstance(error, OSError) else None
     if code in _BUSY:
         return PortBusyError(name, process_using(name))

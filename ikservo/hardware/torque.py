@@ -54,12 +54,7 @@ def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int
 
 
 def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
-    """Find the tick nearest to ``tick`` that a servo accepts as a goal.
-
-    Args:
-        joint: Name for messages.
-        tick: The servo position.
-        accepted: See ``accepted_goal_range``.
+    """Find the tick nearest to ``tick`` that a servo accepts; see ``accepted_goal_range``.
 
     Raises:
         RefusedError: The joint is far outside its servo's limits; torque stays off.
@@ -97,11 +92,7 @@ def goal_range_registers(table: type[ControlTable]) -> tuple[RegisterName, ...]:
 
 
 def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> tuple[int, int]:
-    """Return the lowest and the highest goal that a servo accepts.
-
-    Args:
-        servo: The servo.
-        held: The raw numbers of its ``goal_range_registers``.
+    """Return the lowest and highest goal that a servo accepts, by its ``goal_range_registers``.
 
     Raises:
         RefusedError: The servo is not in a position mode: with torque on, it would turn without

@@ -18,10 +18,6 @@ from ikservo.remedies import pip_command
 def importing_from(distribution: str, module: str) -> Generator[None]:
     """Report a module that cannot be imported as a damaged installation.
 
-    Args:
-        distribution: The package on PyPI that provides the module for ikservo.
-        module: The module.
-
     Raises:
         IkservoError: An import in the block has failed.
     """

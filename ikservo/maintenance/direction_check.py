@@ -70,11 +70,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the joint motion that best lifts an arm off its support.
-
-    Returns:
-        The motion; None if the arm is clear, or no motion of a single joint lifts it.
-    """
+    """Plan the joint motion that best lifts an arm off its support; None without need or effect."""
     names = [joint.name for joint in arm.model.joints]
     return _plan_best_lift(arm, names, arm.clearance_m, _CLEAR_M)
 
@@ -89,11 +85,7 @@ def check_clearance_m(arm: Arm, name: str) -> float:
 
 
 def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
-    """Plan the motion of another joint that best clears the test motion of a joint.
-
-    Returns:
-        The motion; None if the path is clear, or no motion of a single joint clears it.
-    """
+    """Plan the motion of another joint that best clears a test; None without need or effect."""
     others = [joint.name for joint in arm.model.joints if joint.name != name]
     return _plan_best_lift(arm, others, _test_clearance(arm, name), _MIN_CLEARANCE_M)
 
@@ -239,10 +231,7 @@ def show_directions(
 ) -> Dialogue[list[DirectionCheck]]:
     """Move each of the joints slightly and back, and ask whether it moved as described.
 
-    Args:
-        arm: The arm, torque on.
-        names: The joints.
-        searching: Whether the arm's end stops will be searched next; it then has no calibration.
+    If ``searching``, the arm's end stops will be searched next; it then has no calibration.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.

@@ -306,13 +306,7 @@ def limit_distance(position: float, lower: float, upper: float) -> float:
 
 
 def near_distance(lower: float, upper: float, unit: str) -> float:
-    """Compute the distance from a limit within which a joint counts as near the limit.
-
-    Args:
-        lower: The lower limit, rad or m.
-        upper: The upper limit.
-        unit: ``rad`` or ``m``.
-    """
+    """Compute the distance, rad or m, within which a joint counts as near a limit."""
     return min(_NEAR[unit], _NEAR_FRACTION * (upper - lower))
 
 

@@ -47,9 +47,7 @@ class JointDrive:
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
         """Compute the dry friction of the moving joint, N m.
 
-        Args:
-            speed_rad_s: The speed; its sign does not matter.
-            load_nm: Load on the gears: the difference between motor torque and external torque.
+        The load is that on the gears: the difference between motor torque and external torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)
@@ -73,15 +71,7 @@ class ArmParameters:
 
 
 def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
-    """Return the parameters from the arm file's masses and the tables for its servos.
-
-    Args:
-        model: The masses and servos.
-        chain: The joints, base to tip, inside the arm's own limits.
-
-    Returns:
-        None if the arm has no masses.
-    """
+    """Return the parameters from the arm file's masses, if any, and the tables for its servos."""
     masses = link_masses(model, chain)
     if not masses:
         return None

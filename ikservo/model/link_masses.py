@@ -33,11 +33,8 @@ def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
 def joint_compliances(model: Model, chain: Chain) -> Vector:
     """Compute the compliance of each joint (dof,) of a chain, rad per N m (m per N).
 
-    The compliance of a joint is 0 if the stiffness of its servos is unknown.
-
-    Args:
-        model: The servos.
-        chain: The joints, base to tip; may end with the gripper's.
+    The compliance of a joint is 0 if the stiffness of its servos is unknown. The chain goes from
+    base to tip, and may end with the gripper's joint.
     """
     joints = {joint.name: joint for joint in model.joints}
     compliances = np.zeros(len(chain.names))
@@ -56,9 +53,7 @@ def joint_compliances(model: Model, chain: Chain) -> Vector:
 def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
     """Compute the distance from the goal at which friction holds an unloaded joint, rad or m.
 
-    Args:
-        joint: The joint; servos that drive it together share its friction and its stiffness.
-        supply_v: The supply voltage of its servos in the arm file.
+    Servos that drive it together share its friction and its stiffness.
     """
     torque = find_servo_torque(joint.servo.model, supply_v)
     per_horn_rad = joint.travel_per_turn / tau

@@ -77,10 +77,6 @@ of links; each pair takes longer if there are more joints between its links.
 def read_description(path: Path, folder: Path | None = None) -> Urdf:
     """Read a URDF of limited size; other descriptions must be converted once by ``arms new``.
 
-    Args:
-        path: The file.
-        folder: The folder of its meshes; None: the folder of the file.
-
     Raises:
         FileFormatError: The file cannot be used; the place and the cause are named.
     """

@@ -243,12 +243,7 @@ def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
 
 
 def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
-    """Make a thing from the values that it has in a scene file.
-
-    Args:
-        kind: box, cylinder, sphere or half_space.
-        name: Name for messages.
-        sizes: The other keys of the table, such as ``center_m``.
+    """Make a box, cylinder, sphere or half_space from the values that it has in a scene file.
 
     Raises:
         UnknownNameError: There is no such kind.

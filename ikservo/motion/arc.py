@@ -64,11 +64,7 @@ def arc_through_points(
 ) -> ArcPath:
     """Compute the arc from a start (3,) through a point to an end, metres.
 
-    Args:
-        start_m: The start (3,).
-        via_m: The via point (3,).
-        end_m: The end (3,); with ``full_circle``, another point to pass.
-        full_circle: Whether the arc continues to its start.
+    A ``full_circle`` passes ``end_m`` (3,) and continues to its start.
 
     Raises:
         BadValueError: Two points are the same, all points are collinear, or a number is not finite.

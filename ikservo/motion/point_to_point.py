@@ -82,7 +82,6 @@ class RuckigMotion:
         top_speeds: The maximum speed of each joint, rad/s or m/s.
 
     Attributes:
-        start: The start state.
         goal: The end position (n,), rad or m.
     """
 

@@ -71,13 +71,7 @@ class ZeroSource(Enum):
     def check_small_steps(
         self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse long motions of single joints if zeros are unknown.
-
-        Args:
-            arm: The name of the arm.
-            start: The joints (n,), rad or m.
-            goal: The joint goals (n,).
-            steps: The longest motion of each joint, in the order of the vectors.
+        """Refuse motions of single joints longer than ``steps``, rad or m, if zeros are unknown.
 
         Raises:
             CalibrationError: A joint would move further than ``steps`` allows.
@@ -239,12 +233,7 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
 def load_calibration_for(
     bus: ServoBus, model: Model, *, uncalibrated: bool = False
 ) -> CalibratedArm:
-    """Load the calibration of the arm on a bus.
-
-    Args:
-        bus: The servos of the arm.
-        model: The arm file's model.
-        uncalibrated: Whether the user accepts the arm file's zeros.
+    """Load the calibration of the arm on a bus, or accept the arm file's zeros.
 
     Raises:
         CalibrationError: The calibration contradicts the servos or the arm file, or its last write

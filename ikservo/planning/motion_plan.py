@@ -171,14 +171,7 @@ def path_length_m(chain: Chain, joints: Matrix) -> float:
 def time_limiting_joints(
     velocity: Matrix, acceleration: Matrix, limits: Sequence[KinematicLimits], names: Sequence[str]
 ) -> list[str]:
-    """Describe the joints that reach their top speed or acceleration at some instant.
-
-    Args:
-        velocity: Velocities along the path (k, n).
-        acceleration: Accelerations along the path (k, n).
-        limits: The kinematic limits of each joint.
-        names: The joint names.
-    """
+    """Describe the joints whose speed or acceleration (k, n) reaches its limit at some instant."""
     texts: list[str] = []
     for i, (name, limit) in enumerate(zip(names, limits, strict=True)):
         if float(np.abs(velocity[:, i]).max()) >= _FULL * limit.speed_rad_s:
@@ -193,12 +186,7 @@ def near_limits(
 ) -> tuple[NearLimit, ...]:
     """Return the joints that come near a limit, closest first; see ``near_limit``.
 
-    Args:
-        joints: Joints along the path (k, n), rad or m.
-        lower: The lower limits (n,); infinite if there is none.
-        upper: The upper limits (n,).
-        names: The joint names.
-        units: ``rad`` or ``m`` for each joint.
+    Joints along the path are (k, n), rad or m; a limit (n,) is infinite if there is none.
     """
     found: list[tuple[float, NearLimit]] = []
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -270,12 +258,7 @@ def via_pose_plan(
 ) -> MotionPlan:
     """Return a plan that moves to a pose, stops there, and continues from it.
 
-    Args:
-        first: Plan to the pose.
-        then: Plan from the pose.
-        pose: The name of the pose.
-        orientation_change_rad: Change of orientation from the start of ``first`` to the goal of
-            ``then``.
+    The change of orientation is that from the start of ``first`` to the goal of ``then``.
     """
     return replace(
         then,
@@ -316,14 +299,10 @@ def clamp_positions(
 ) -> PoseWithinLimits:
     """Clamp joint positions that are slightly beyond the limits.
 
-    A clamped joint stays inside its limit by the distance at which friction may stop it.
-
-    Args:
-        positions: The positions by joint, rad or m; other joints keep their position.
-        driven_joints: The joints, in the order of ``start``.
-        start: The present joints (n,). A joint that is beyond its limit need not move inside.
-        max_rad: Joints that are further beyond, as an angle of the horn, are not clamped; the guard
-            refuses them.
+    A clamped joint stays inside its limit by the distance at which friction may stop it. Other
+    joints keep their positions (rad or m), and a joint that is beyond its limit at ``start`` (n,)
+    need not move inside. Joints that are further beyond than ``max_rad``, as an angle of the horn,
+    are not clamped; the guard refuses them.
     """
     clamped, changed = dict(positions), list[str]()
     for driven, at in zip(driven_joints, start.tolist(), strict=True):

@@ -204,14 +204,9 @@ class ConstrainedTool:
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
-        """Find joints (dof,) nearby that are well inside the limits.
+        """Find joints (dof,) nearby that are well inside the limits; None if there are none.
 
-        Args:
-            joints: The joints (dof,) from which to start.
-            target_m: The required position of the tip (3,); None if it is free.
-
-        Returns:
-            The joints; None if there are none.
+        The tip is then at ``target_m`` (3,), or free.
         """
         q, point_m = joints.copy(), np.zeros(3) if target_m is None else target_m
         aims = target_m is not None

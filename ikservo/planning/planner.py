@@ -170,12 +170,8 @@ class Planner:
     ) -> MotionPlan:
         """Plan a motion of the tip from the joints ``start`` (n,) along a path.
 
-        Args:
-            start: All joints.
-            path: The path, which begins at ``path_start``.
-            speed: slow, normal or fast.
-            stance: The orientation of the tool at the end.
-            tool_speed_m_s: The constant speed of the tip; None: as fast as the speed class allows.
+        The path begins at ``path_start``. Without a constant ``tool_speed_m_s``, the tip is as fast
+        as the speed class allows.
 
         Raises:
             UnreachableError: The end, or another point of the path, is out of reach; it is named.
@@ -252,11 +248,7 @@ class Planner:
     ) -> MotionPlan:
         """Plan a joint motion through points (n,), with rounded corners and a final rest.
 
-        Args:
-            start: All joints.
-            points: The points; the last one is the goal.
-            speed: slow, normal or fast.
-            blend: The distance before a point at which the straight path is left, rad or m.
+        ``blend`` is the distance before a point at which the straight path is left, rad or m.
         """
         trajectory = JointWaypointTrajectory(start, points, self.motion_limits(speed), blend)
         return self._make_plan(start, trajectory, speed)

@@ -117,11 +117,7 @@ class PoseLibrary:
         return name
 
     def save(self, name: str, positions: Positions) -> Path:
-        """Save a pose, replacing any pose with that name; return the file.
-
-        Args:
-            name: See ``check_name``.
-            positions: Every joint, rad or m.
+        """Save all joints, rad or m, as a pose, replacing any pose with that name; return the file.
 
         Raises:
             BadValueError: The name cannot be used.

@@ -396,10 +396,6 @@ class PreflightPlanner:
     def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
         """Make a plan whose path is free: the direct one, or the first free alternative.
 
-        Args:
-            request: The motion.
-            direct: The direct plan of the motion; None makes it here.
-
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
         """
@@ -577,11 +573,7 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan a motion from the joints ``start`` (n,) [rad or m]; collisions are not checked.
 
-    Args:
-        planner: The planner of the arm.
-        motion: The motion.
-        start: All joints.
-        speed: The speed class, which may be slower than the motion's own.
+    The speed class may be slower than the motion's own.
 
     Raises:
         UnreachableError: A point is out of reach.

@@ -17,11 +17,7 @@ _HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo
 
 
 def plan_return(context: ArmContext, start: Vector) -> Trajectory:
-    """Plan and check a joint motion back inside the limits.
-
-    Args:
-        context: The arm.
-        start: The measured joints (n,), rad or m.
+    """Plan and check a joint motion from measured joints (n,), rad or m, back inside the limits.
 
     Raises:
         RefusedError: A joint is more than 5° outside at its horn, or the arm would touch something

@@ -361,12 +361,7 @@ def solve_with_orientation(
 ) -> OrientationSolution:
     """Solve for the joints at a point: position exactly, then orientation as well as possible.
 
-    Args:
-        chain: The arm.
-        tool: The axes of the tool.
-        target: The point.
-        stance: The requested orientation.
-        start: The present joints (dof,), which define the start and the orientation to keep.
+    The present joints (dof,) define the start and the orientation to keep.
 
     Returns:
         The solution; if ``solution.reached`` is false, the point is out of reach.

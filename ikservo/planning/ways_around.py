@@ -40,14 +40,8 @@ def ways_around(
 ) -> Iterator[Matrix]:
     """Yield paths around obstacles: postures (k, n) connected by straight joint motions.
 
-    Args:
-        context: The arm, whose paths are checked.
-        start: All joints (n,), collision-free.
-        goals: The possible ends (m, n).
-        load_factor: Multiple of gravity while the arm brakes.
-        tool: The constraint of the tool on the path.
-        is_over: Returns whether the search must end; called often.
-        takes_time: Whether a path is shortened until the search must end.
+    All joints at the start (n,) are collision-free; goals (m, n) are possible ends. With
+    ``takes_time``, a path is shortened until ``is_over``, which is called often, ends the search.
 
     Yields:
         Paths with decreasing clearance, until the search ends.

@@ -17,13 +17,7 @@ from ikservo.ros_messages.message_types import encode, make
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A ROS 2 topic.
-
-    Attributes:
-        name: Name with its leading slash.
-        kind: The type of its messages.
-        latched: Whether the last message is kept for later subscribers.
-    """
+    """A ROS 2 topic, with its leading slash; a latched one keeps its last message."""
 
     name: str
     kind: str
@@ -39,13 +33,7 @@ DESCRIPTION = Topic("/robot_description", "std_msgs/msg/String", latched=True)
 
 @dataclass(frozen=True, slots=True)
 class RosMessage:
-    """An encoded ROS 2 message.
-
-    Attributes:
-        topic: The topic of the message.
-        time_ns: Time of the content, nanoseconds since 1970.
-        data: The encoded message, CDR.
-    """
+    """An encoded ROS 2 message (CDR), with the time of its content, nanoseconds since 1970."""
 
     topic: Topic
     time_ns: int

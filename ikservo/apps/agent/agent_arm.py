@@ -58,12 +58,6 @@ class AgentArm:
 
     The methods raise an ``IkservoError`` if something cannot be read, planned or executed, if the
     owner or a person does not allow it, or if the journal cannot be written. The arm then holds.
-
-    Attributes:
-        arm: The arm.
-        allowance: The owner's permissions.
-        plans: The plans that are waiting to be executed.
-        journal: Records each call.
     """
 
     def __init__(self, arm: Arm, allowance: Allowance, journal: AgentJournal) -> None:

@@ -36,12 +36,7 @@ def measure_by_touch(
 ) -> TouchedPoints:
     """Switch torque off and let the user put the tip on known points.
 
-    Args:
-        model: The arm.
-        port: See ``open_torque_off``.
-        points: A file of points; None for the printed sheet.
-        times: The number of touches per point.
-        operator: The user or the script that answers.
+    Without a file of points, they are those of the printed sheet.
 
     Raises:
         CalibrationError: The arm is not calibrated, or no point was touched.

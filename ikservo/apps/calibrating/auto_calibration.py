@@ -238,10 +238,7 @@ def missing_stop_error(
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
     """Describe a joint with one or two ends for which no search is possible.
 
-    Args:
-        subject: The joint.
-        lower: The position of its lower stop, rad or m, or the reason why it was not searched for.
-        upper: The position of its upper stop, or the reason why it was not searched for.
+    An end is the position of its stop, rad or m, or the reason why it was not searched for.
     """
     text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))

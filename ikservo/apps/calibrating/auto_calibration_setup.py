@@ -99,10 +99,6 @@ def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> G
     """Restore the registers of servos whose torque is off if the block ends without a calibration.
 
     If the arm holds, its torque stays on, and the user is told how to restore them.
-
-    Args:
-        loose: The servos, with the configuration read before.
-        on_status: Called with what was done, or what the user must do.
     """
     try:
         yield
@@ -208,13 +204,9 @@ class PosturePlanner:
             self._low[column], self._high[column] = low, high
 
     def path_to_clear(self, column: int, start: float, end: float, present: Vector) -> list[Vector]:
-        """Plan the path to a posture from which a joint can move to its end.
+        """Plan a path from ``present`` (dof,) to a posture from which a joint can move to its end.
 
-        Args:
-            column: The joint's column in the chain's vectors.
-            start: The start, rad or m.
-            end: A position a little beyond the expected stop.
-            present: The present posture (dof,).
+        The end is a little beyond the expected stop, rad or m.
 
         Returns:
             Postures (dof,) in order; in the last one the joint is at its start.
@@ -304,13 +296,7 @@ class PosturePlanner:
 
 @dataclass(frozen=True, slots=True)
 class _JointSearch:
-    """The motion of one joint to its end, for any posture of the other joints; rad or m.
-
-    Attributes:
-        column: The joint's column in the chain's vectors.
-        start: The start.
-        end: The end.
-    """
+    """The motion of one joint to its end, for any posture of the other joints; rad or m."""
 
     column: int
     start: float

@@ -116,10 +116,7 @@ def calibrate_by_hand(
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
     """Calibrate a limp arm by hand; return the last state and the result to save.
 
-    Args:
-        limp_arm: The arm, torque off.
-        options: The choices that the user made beforehand.
-        base: The calibration in which some joints are replaced; None if all are new.
+    ``base`` is the calibration in which some joints are replaced; without it, all are new.
 
     Raises:
         CalibrationError: A zero is implausible, and the user did not confirm the pose.
@@ -174,12 +171,7 @@ def record_ranges(
 ) -> Dialogue[CalibrationState]:
     """Read the servos and apply answers until the calibration leaves the given stages.
 
-    Args:
-        limp_arm: The arm, torque off.
-        state: The state of the calibration.
-        pose: The named reference pose.
-        stages: The stages to run.
-        refused: The error of a refused answer that would have ended these stages, or None.
+    ``refused`` is the error of a refused answer that would have ended these stages.
 
     Raises:
         BusError: The servos stopped replying.
@@ -321,13 +313,7 @@ def review(
 ) -> Dialogue[tuple[str, CalibrationResult]]:
     """Show the result, and ask whether to save it.
 
-    Args:
-        limp_arm: The arm.
-        state: The calibration at its review.
-        options: The choices that the user made beforehand.
-        base: The calibration in which some joints are replaced; None if all are new.
-        more: Answers besides saving, for a page with buttons.
-        may_have_sagged: See ``find_shifted_zeros``.
+    ``more`` are answers besides saving, for a page with buttons.
 
     Returns:
         The answer, and the result to save.
@@ -415,10 +401,7 @@ def confirm_saving(
 ) -> Dialogue[str]:
     """Show what would be saved and replaced, and return the user's answer.
 
-    Args:
-        limp_arm: The arm.
-        calibration: The calibration that would be saved.
-        more: Answers besides ``accept``, for a page with buttons.
+    ``more`` are answers besides ``accept``, for a page with buttons.
 
     Raises:
         IkservoError: The user declined; nothing was changed.

@@ -144,12 +144,7 @@ def build_calibration(
 ) -> CalibrationResult:
     """Compute the calibration from a procedure that has reached its review.
 
-    Args:
-        state: The procedure.
-        configs: The configuration of every servo, by id.
-        metadata: Further data of the file.
-        write_limits: Whether limits are also written to the servos.
-        user: Limits set by the user, by joint.
+    ``configs`` are the present ones by servo id, ``user`` the limits that the user has set.
 
     Raises:
         CalibrationError: A joint travels a revolution or more, or its range is empty.

@@ -228,10 +228,7 @@ def open_torque_off(
 ) -> Generator[TorqueOffArm]:
     """Open an arm for calibration; torque is not changed, and a signal waits for a running write.
 
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        settled: Whether an interrupted write is recovered first.
+    An interrupted write is recovered first if the arm is to be ``settled``.
 
     Raises:
         PortError: There is no port, or it cannot be opened.
@@ -371,9 +368,7 @@ def _with_registers(servo: CalibratedServo, facts: Mapping[int, ServoConfig]) ->
 def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path, Calibration]:
     """Find the calibration that matches the servos on this bus; return its path and content.
 
-    Args:
-        loose: The arm.
-        path: The file; None searches the files of this arm on other adapters.
+    Without a path, the files of this arm on other adapters are searched.
 
     Raises:
         CalibrationError: No calibration fits, or several do.

@@ -130,14 +130,7 @@ class EndStopDetector:
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
     ) -> EndStopDetector:
-        """Add a sample of position and load.
-
-        Args:
-            at_s: The time.
-            at_rad: The position of the horn.
-            goal_rad: The goal of the horn.
-            load_percent: The load that the servo reports; the sign is ignored.
-        """
+        """Add a sample of the horn: its position, its goal, and its load, whose sign is ignored."""
         updated = self.update(at_s, at_rad)
         if not self.may_be_blocked(at_s, at_rad, goal_rad):
             return updated

@@ -99,10 +99,8 @@ def calibrate_by_camera(
 def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]:
     """Tell the user how to go on if the calibration ends early.
 
-    Args:
-        folder: The folder of the pictures, which is kept if they suffice for a calibration.
-        arm: The name of the arm.
-        chosen: Whether the user named the folder, which is then kept if it has a picture.
+    The folder is kept if its pictures suffice for a calibration or, if the user has ``chosen`` it,
+    if it has a picture.
     """
     try:
         with exiting_on_signals():  # also while no motion runs

@@ -106,12 +106,7 @@ class CameraResult:
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """An arm as it was before the pictures were taken.
-
-    Attributes:
-        model: The arm file's model.
-        calibration: The calibration with which its joints are measured; None for a simulated arm.
-    """
+    """An arm as it was before the pictures were taken; if simulated, without calibration."""
 
     model: Model
     calibration: Calibration | None
@@ -217,12 +212,8 @@ class BoardPictures:
     ) -> CameraResult:
         """Estimate camera and arm; see ``CameraResult``.
 
-        Args:
-            missed: Number of pictures in which the board was not seen.
-            duration_s: Time from the first picture to the last.
-            extents: The parameters that may be estimated.
-            by_hand: Whether the user held the arm. Several fractions of its weight are then tried;
-                the one that best predicts left-out pictures is used.
+        ``missed`` pictures do not show the board. If the user held the arm (``by_hand``), several
+        fractions of its weight are tried; the one that best predicts left-out pictures is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.

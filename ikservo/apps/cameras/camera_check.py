@@ -73,12 +73,7 @@ def check_camera(
 ) -> tuple[CameraCheck, BoardPlace]:
     """Measure the board, and save whether the camera has moved; the arm does not move.
 
-    Args:
-        arm: The arm in front of the camera.
-        source: The camera.
-        now: The time of the check.
-        within_mm: The largest accepted shift of the board; None for the error of the calibration.
-        name: The camera name; see ``known_camera``.
+    ``within_mm`` is the largest accepted shift; None: the error of the calibration.
 
     Raises:
         UnknownNameError: The arm has no camera of that name.
@@ -128,15 +123,9 @@ def compare_place(
     now: datetime,
     within_mm: float | None = None,
 ) -> CameraCheck:
-    """Compare the observed place of a board with its known place.
+    """Compare the observed place of a board with its known one, from the tip pose (4, 4).
 
-    Args:
-        model: The camera with its calibrated pose.
-        place: The place of the board.
-        T_base_tip: The pose of the tip (4, 4).
-        view: The board in a picture.
-        now: The time of the picture.
-        within_mm: See ``check_camera``.
+    See ``check_camera`` for ``within_mm``.
 
     Raises:
         CalibrationError: The board cannot be measured, or the picture has another size.

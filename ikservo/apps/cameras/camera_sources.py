@@ -18,10 +18,7 @@ _GROUP = "ikservo.cameras"
 def open_source(source: str, transport: object, board: Board) -> PictureSource:
     """Open a camera.
 
-    Args:
-        source: The number, device or address; ``sim`` for the camera of a simulated arm.
-        transport: The transport of the arm's port.
-        board: The board in front of a simulated camera.
+    The source is a number, a device, an address, or ``sim`` for the camera of a simulated arm.
 
     Raises:
         InputError: OpenCV is not installed, or there is no such camera.

@@ -106,13 +106,7 @@ class PictureFolder:
 
 @dataclass(frozen=True, slots=True)
 class SavedPictures:
-    """The content of a folder of pictures.
-
-    Attributes:
-        folder: The folder of the pictures.
-        index: The description of the pictures.
-        calibration: The calibration with which the joints were measured; None for a simulated arm.
-    """
+    """The content of a folder of pictures; pictures of a simulated arm have no calibration."""
 
     folder: Path
     index: PictureIndex

@@ -245,11 +245,8 @@ def lens_terms(
 ) -> LensTerms:
     """Compute the terms for the lens from corners (k, 3) of a board at a pose (4, 4).
 
-    Args:
-        intrinsics: The lens around which to linearise.
-        T: The pose in the camera frame.
-        corners_m: The corners in the board frame.
-        view: The view of the corners; None if they are exactly at their expected places.
+    The corners are in the board frame, the pose is in the camera frame. Without a view, the corners
+    are exactly at their expected places.
     """
     import cv2  # noqa: PLC0415  # from the extra `camera`
 

@@ -53,15 +53,8 @@ def choose_postures(
     """Choose postures one by one, each the most informative after the previous ones.
 
     The most informative posture increases the determinant of the information about camera, lens,
-    board, zeros and compliances the most (D-optimality; Fedorov 1972).
-
-    Args:
-        board: The board on the gripper.
-        fit: The present estimate of camera and arm.
-        intrinsics: The present estimate of the camera's intrinsics.
-        candidates: Postures (n, dof) from which to choose.
-        done: Postures (m, dof) of the existing pictures.
-        count: The number of postures to choose.
+    board, zeros and compliances the most (D-optimality; Fedorov 1972). Postures are rows:
+    candidates (n, dof), and existing pictures in ``done`` (m, dof).
 
     Returns:
         The indices of the chosen candidates.

@@ -80,10 +80,7 @@ def build_drafts(
 ) -> Generator[MeshStep, object, list[ArmDraft]]:
     """Build a draft of each arm of a description, without poses; yield before each mesh.
 
-    Args:
-        description: The tree.
-        name: The name of the arm; for several arms, the names of their tips are appended.
-        options: The decisions of the user.
+    If there are several arms, the names of their tips are appended to ``name``.
 
     Raises:
         UnknownNameError: A link, joint or servo model does not exist.

@@ -40,11 +40,7 @@ class Description:
 
 
 def choose_description(source: Path, name: str | None = None) -> Path:
-    """Choose the description: a file, or the only one in a folder.
-
-    Args:
-        source: A file or folder.
-        name: The name of a file in the folder, or the end of its path.
+    """Choose the description: a file, or the only one in a folder whose path ends in ``name``.
 
     Raises:
         InputError: There is no such file, or there are several; the message lists them.
@@ -124,12 +120,8 @@ def read_foreign(
 ) -> Description:
     """Read a foreign description, but not the meshes that it names.
 
-    Args:
-        path: The file.
-        packages: Folders of packages, by name.
-        arguments: Arguments of a xacro, by name.
-        allow_xacro: Whether the expressions of a xacro may be run.
-        folder: The folder whose files may be read; None: that of its package, or else its own.
+    Only files in ``folder`` are read; without it, those in the folder of its package, or else its
+    own.
 
     Raises:
         FileFormatError: The description cannot be used; the message names the place and the cause.

@@ -41,11 +41,7 @@ def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
 
 
 def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
-    """Load a draft as it would be loaded from its folder, without its pictures.
-
-    Args:
-        draft: The arm.
-        folder: The folder for its two files; a temporary folder if None.
+    """Load a draft as from its folder (by default a temporary one), without its pictures.
 
     Raises:
         FileFormatError: The draft cannot be loaded; the message names its source description.

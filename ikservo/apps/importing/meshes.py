@@ -32,12 +32,8 @@ _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     """Read the corners (n, 3, 3) of all triangles, in the file's own unit; Collada in metres.
 
-    Files that the mesh names (buffers of glTF) are read from its own folder only.
-
-    Args:
-        path: The mesh file; the suffix determines the format.
-        data: The content of the file.
-        link: The link that owns the shape, for messages.
+    Files that the mesh names (buffers of glTF) are read from its own folder only. The suffix of the
+    path determines the format; ``link`` owns the shape, for messages.
 
     Raises:
         FileFormatError: The file has an unknown format, or is damaged, empty or too large.

@@ -203,13 +203,8 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
 def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types
     """Return the collision shapes and the visual shapes of a body.
 
-    Planes and height fields are left out, because they belong to the surroundings.
-
-    Args:
-        mujoco: The module `mujoco`.
-        model: A compiled model.
-        body: The number of the body.
-        shift_m: Origin (3,) of the link's frame, in the body's frame.
+    Planes and height fields are left out, because they belong to the surroundings. The origin of
+    the link's frame is at ``shift_m`` (3,) in the body's frame.
     """
     collide, drawn = list[Shape](), list[Shape]()
     first = int(model.body_geomadr[body])
@@ -253,11 +248,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
 
     Bodies and sites become links; each further joint of a body gets a separate link. A robot with a
     free base is fixed where it stands; loose objects are left out. The names of all files are
-    checked first, so that no file outside the model's folder is opened.
-
-    Args:
-        path: The file.
-        folder: The folder that contains all its files; None: that of the MJCF.
+    checked first, so that no file outside ``folder``, by default that of the MJCF, is opened.
 
     Raises:
         FileFormatError: A file is outside the folder, MuJoCo refuses the model, or the model has a

@@ -39,10 +39,7 @@ def assign_servos(
 ) -> EntryDialogue[None]:
     """Assign the servos of a bus to the joints of drafts that have the pose ``home``.
 
-    Args:
-        drafts: The arms on the bus.
-        port: The port.
-        given: Servos by joint, as given by the user; these are not moved.
+    Servos by joint that the user has ``given`` are not moved.
 
     Raises:
         PortError: The port cannot be opened.

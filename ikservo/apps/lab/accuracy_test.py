@@ -203,7 +203,6 @@ class AccuracyTest:
         on_step: Called after each cycle.
 
     Attributes:
-        on_step: Called after each cycle.
         cube: The cube of the test.
         top_speed_m_s: Tip speed that counts as 100 %: the highest that the joints allow on both
             paths; 0 until known.

@@ -62,11 +62,7 @@ class ArmChoices:
 
 
 def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
-    """Find the present choices; open no port.
-
-    Args:
-        given: Arms and ports that the command line has named.
-    """
+    """Find the present choices, besides arms at ports of the command line; open no port."""
     models = {model.name: model for model in _load_each(arm_names())}
     models |= {place.model.name: place.model for place in given}
     adapters = list_adapters()

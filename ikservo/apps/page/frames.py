@@ -171,14 +171,8 @@ def status_frame(
 ) -> Frame:
     """Return the frame with all data that the page shows next to the drawing.
 
-    Args:
-        arm_thread: Provides the snapshot.
-        interaction: Input of the client in control.
-        step: The step of a solver trace that is shown.
-        controller: The page in control: ``you``, ``other`` or ``none``.
-        now_s: The present time, to compute the age of measurements.
-        posture: Rows about the posture of the arm.
-        fallback: The reason why Live has ended, until the user has answered.
+    ``step`` is that of a shown solver trace, ``controller`` the page in control (``you``, ``other``
+    or ``none``), ``fallback`` the reason why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
     return {

@@ -80,12 +80,7 @@ class ViewSettings:
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return the names of arms on a page: the name of the model, numbered from the second arm on.
-
-    Args:
-        models: The names of their models, in the order of opening.
-        taken: The names of arms that are open already.
-    """
+    """Return the names of arms on a page: the model's, numbered from the second arm on."""
     names, known = list[str](), set(taken)
     for stem in models:
         numbered = (f"{stem}-{i}" for i in itertools.count(2))
@@ -189,10 +184,7 @@ class ServedArm:
     ) -> None:
         """Make this arm and another arm of the page obstacles to each other.
 
-        Args:
-            name: The other arm.
-            at_m: The origin of its base frame (3,) in that of this arm.
-            rpy_deg: Roll, pitch and yaw of its base frame there.
+        ``at_m`` and ``rpy_deg`` place its base frame in that of this arm.
 
         Raises:
             InputError: No other arm of that name is open, or it is moving.

@@ -52,12 +52,7 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class ArmAddress:
-    """The address of an arm.
-
-    Attributes:
-        name: The name under which it is served.
-        endpoint: The endpoint at which it is served.
-    """
+    """The name under which an arm is served, and the endpoint."""
 
     name: str
     endpoint: Endpoint

@@ -59,10 +59,7 @@ class MotionCalls:
     ) -> object:
         """Wait for the end of a motion; a signal or an error of the caller stops it.
 
-        Args:
-            pending: The motion.
-            go_on: Called periodically while waiting.
-            poll_s: Time between two of these calls.
+        ``go_on`` is called periodically while waiting.
 
         Raises:
             IkservoError: The error of the motion.

@@ -73,11 +73,7 @@ def stop_listed_machines() -> StopAllResult:
 
 
 def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
-    """Stop the arms of a machine; repeat for arms that have not confirmed the stop.
-
-    Args:
-        host: The host that serves the arms.
-        name: The name of the arm; if not given, every arm on that machine.
+    """Stop one arm or all arms of a machine; repeat for arms that have not confirmed the stop.
 
     Returns:
         The arms that have confirmed the stop, and an error for each arm that has not, or for the

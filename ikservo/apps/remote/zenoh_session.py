@@ -33,13 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The files of a certificate.
-
-    Attributes:
-        authority: The certificate of the authority that both ends trust.
-        certificate: The certificate of this end.
-        key: The private key of this end.
-    """
+    """The files of this end's certificate and private key, and of the authority that both trust."""
 
     authority: Path
     certificate: Path
@@ -50,12 +44,7 @@ class Certificate:
 def open_server(
     listen: Endpoint, certificate: Certificate | None, access: Mapping[str, object] | None
 ) -> Generator[zenoh.Session]:
-    """Listen at an endpoint; the session is closed at the end of the block.
-
-    Args:
-        listen: The endpoint.
-        certificate: The certificate of the server; needed for TLS.
-        access: Zenoh's access control; needed for TLS.
+    """Listen at an endpoint in the block; TLS needs the server's certificate and access control.
 
     Raises:
         PortError: The endpoint is in use, or the certificate cannot be used.

@@ -74,11 +74,7 @@ def require_pyarrow() -> None:
 
 
 def read_dataset(folder: Path, what: str = "state") -> Dataset:
-    """Read all episodes of a data set.
-
-    Args:
-        folder: The folder with ``meta`` and ``data``.
-        what: ``state`` for measured values, ``action`` for commanded ones.
+    """Read all episodes of a data set: ``state``, measured values, or ``action``, commanded ones.
 
     Raises:
         UnknownNameError: ``what`` is neither of the two.

@@ -196,11 +196,7 @@ class ProgramStep(StrictModel):
         return self.model_copy(update={"tip_m": self.grid.place_m(self.tip_m, repetition)})
 
     def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
-        """Return the motion of the step.
-
-        Args:
-            model: The arm, which determines which joints are prismatic.
-            speed: The speed class, for a motion that has one.
+        """Return the motion of the step; ``speed`` is the class for a motion that has one.
 
         Raises:
             BadValueError: A revolute joint is given in metres, or a prismatic one in degrees; or

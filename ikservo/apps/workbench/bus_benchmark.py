@@ -80,13 +80,8 @@ def benchmark_bus(
 ) -> list[BusTiming]:
     """Measure an arm's bus; nothing moves, and torque stays unchanged.
 
-    On a simulated bus, time is virtual, and the host's own time is added to it.
-
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        cycles: The number of cycles of each kind.
-        on_cycle: Called with the kind of cycle and the number of finished cycles.
+    On a simulated bus, time is virtual, and the host's own time is added to it. ``on_cycle`` gets
+    the kind of cycle and the number of finished cycles.
 
     Raises:
         PortError: There is no port, or it is lost.

@@ -24,13 +24,7 @@ from ikservo.registers import control_table
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredServo:
-    """A servo after its set-up.
-
-    Attributes:
-        servo: The servo, with its id, table and joint.
-        found: The settings before the set-up.
-        written: Descriptions of the changes; empty if there were none.
-    """
+    """A servo after its set-up, with its former settings and descriptions of the changes."""
 
     servo: ServoSpec
     found: FoundServo
@@ -106,12 +100,6 @@ def configure_servo(
     line: Port, model: Model, settings: ServoSettings, wait_s: float
 ) -> Dialogue[ConfiguredServo]:
     """Wait for one servo, and give it its id, baud rate and settings.
-
-    Args:
-        line: The port, see ``open_line``.
-        model: The arm.
-        settings: The desired settings of the servo.
-        wait_s: The time to wait until it is plugged in.
 
     Raises:
         PortError: The port is lost.

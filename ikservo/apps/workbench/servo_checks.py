@@ -34,12 +34,7 @@ _CALIBRATED_REGISTERS = {
 
 
 def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
-    """Compare the servos' EEPROM with the arm file.
-
-    Args:
-        bus: The bus, with the servos that reply.
-        model: The expected arm.
-    """
+    """Compare the servos' EEPROM with the arm file."""
     calibrated = _has_calibrated_registers(bus, model)
     compared, matching = 0, True
     for own in all_servos(model):
@@ -129,12 +124,7 @@ _LONG_DELAY_S = 1e-4  # sum over all servos
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
-    """Check servos that reply; change nothing.
-
-    Args:
-        bus: The bus, with those servos.
-        model: The expected arm; None to check single servos only.
-    """
+    """Check the servos that reply, or only each by itself without a model; change nothing."""
     limits = model.health if model else _USUAL_HEALTH
     wrong_supply = set[int]()
     checks: dict[str, Callable[[], Iterator[Finding]]] = {

@@ -29,13 +29,7 @@ _STEP_S = 0.0005  # time between two points of a motion
 
 @dataclass(frozen=True, slots=True)
 class FrequencyPoint:
-    """Response of a servo at one frequency.
-
-    Attributes:
-        frequency_hz: The frequency.
-        amplitude_ratio: The ratio of the joint's amplitude to that of its goal.
-        phase_lag_rad: The phase lag of the joint behind its goal.
-    """
+    """Response of a joint at one frequency: amplitude ratio to its goal, and lag behind it."""
 
     frequency_hz: float
     amplitude_ratio: float
@@ -142,14 +136,8 @@ def measure_sine(
 ) -> SineResponse:
     """Move a joint on a sine around its position, and return the response of its servo.
 
-    ikservo's own corrections are off, so that only the servo with its gains is measured.
-
-    Args:
-        arm: The arm; its other joints hold.
-        joint: A revolute joint.
-        amplitude_rad: The amplitude.
-        from_hz: The frequency, or the lowest one of a sweep.
-        to_hz: The highest frequency; equal to the lowest for a single one.
+    ikservo's own corrections are off, so that only the servo with its gains is measured. The
+    frequency sweeps from ``from_hz`` to ``to_hz``, unless they are equal; other joints hold.
 
     Raises:
         BadValueError: The amplitude is smaller than 0.5°, or a frequency is out of range.

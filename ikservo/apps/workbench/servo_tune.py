@@ -108,17 +108,9 @@ def tune_joint(
 ) -> None:
     """Measure a joint with its present and the given gains, and on request search for better ones.
 
-    The present gains are restored at the end.
-
-    Args:
-        connection: The arm.
-        joint: The joint, or the id of its servo.
-        settings: Gains to try, as ``p_gain=16``.
-        far_rad: The size of the step, or the amplitude of the sine; None: the default.
-        sine_hz: The lowest and the highest frequency of a sine; None: a step.
-        suggest: Whether to search for better gains.
-        yes: Whether to skip all questions.
-        json: Whether to print JSON.
+    The present gains are restored at the end. Gains to try are written ``p_gain=16``. ``far_rad``
+    is the size of the step or, with the lowest and highest frequency ``sine_hz``, the amplitude of
+    a sine.
 
     Raises:
         InputError: No joint is named, or it does not turn.

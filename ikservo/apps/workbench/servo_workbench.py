@@ -102,13 +102,8 @@ def open_servos(
 ) -> Generator[ServoLine]:
     """Open the servos of an arm, or those that reply on a line; a signal waits for a running write.
 
-    Args:
-        model: The arm; None for servos without an arm.
-        port: See ``choose_port``.
-        servo_id: Without an arm: search only this id; None: every id.
-        table: Without an arm: the servo's table, if its model is known.
-        baud_rate: Without an arm: the rate; None: try every known rate.
-        on_step: Called with the progress of a search.
+    Without an arm, servos are searched for: at one id and baud rate, or at all known ones. Their
+    table is ``table``, if given.
 
     Raises:
         InputError: A servo of an unknown model replies, or several servos share an id.
@@ -208,12 +203,7 @@ class RegisterReading:
 def read_registers(
     line: ServoLine, servo: ServoSpec, names: Iterable[str] = ()
 ) -> list[RegisterReading]:
-    """Read registers of a servo.
-
-    Args:
-        line: The servos.
-        servo: The servo.
-        names: The registers, by the vendor's or the common names; all if empty.
+    """Read registers of a servo by the vendor's or the common names; all if none are named.
 
     Raises:
         UnknownNameError: The model has no such register.

@@ -169,14 +169,7 @@ def watch_arm(
 ) -> None:
     """Print the arm's state periodically: lines of JSON, or a table that is updated in place.
 
-    Args:
-        model: The arm.
-        port: The port of the arm; None chooses a port as in every command.
-        period_s: Time between two readings.
-        count: Number of readings; until Ctrl-C if None.
-        uncalibrated: Whether an arm without calibration may be opened.
-        json: Whether to print lines of JSON.
-        clock: Measures the period; None uses the computer's clock, for simulated arms too.
+    Without a clock, the computer's clock measures the period, for simulated arms too.
     """
     with (
         _state_reader(model, port, uncalibrated=uncalibrated) as read_state,

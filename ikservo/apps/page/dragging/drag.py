@@ -109,16 +109,10 @@ def start_joint_drag(
     *,
     slides: bool,
 ) -> JointDrag:
-    """Start a drag of a joint.
+    """Start a drag of the joint at ``column`` of q by a point (3,).
 
-    Args:
-        column: The index of the joint in q.
-        camera: The user's camera.
-        line: A point (3,) of the axis, and its direction (3,).
-        px: Position of the pointer (2,).
-        point_m: The grabbed point (3,).
-        position: The joint's position, rad or m.
-        slides: Whether the joint is prismatic.
+    ``line`` is a point (3,) of its axis and the direction (3,), ``px`` the pointer (2,),
+    ``position`` the joint's, rad or m.
     """
     pivot, axis = line
     line_of_sight = camera.ray(camera.project(pivot)[0]).direction

@@ -219,12 +219,7 @@ class PosturePreference:
     weights: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def make_posture(self, model: Model, chain: Chain, here: Vector) -> Posture | None:
-        """Make the posture in joints; None for ``none``.
-
-        Args:
-            model: Has the poses.
-            chain: The joints of the posture.
-            here: The current joint positions (dof,).
+        """Make the posture from the chain's current joints (dof,); None for ``none``.
 
         Raises:
             UnknownNameError: There is no such pose or joint.

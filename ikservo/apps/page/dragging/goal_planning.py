@@ -177,10 +177,7 @@ class PlannedPath:
 def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) -> PlannedPath:
     """Plan the path to a requested goal; the result carries the refusal if there is no path.
 
-    Args:
-        arm: The arm; nothing moves, and no servo is read.
-        request: The request.
-        withdrawn: Event that ends the search once the request is withdrawn.
+    Nothing moves, and no servo is read. The search ends once ``withdrawn`` is set.
     """
     index = arm.joint_index
     start = PlannedStart(request.start, request.allowed_speed)

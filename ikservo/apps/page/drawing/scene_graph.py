@@ -95,9 +95,7 @@ class SceneGraph:
     def fields(self, state: SceneState, *, handles: bool = False) -> Fields:
         """Return the fields of a scene: joint positions of arm and goal, camera, marks.
 
-        Args:
-            state: The state to show.
-            handles: Axes (3, 3) of the tool's handles in the base frame; None without handles.
+        ``handles`` are the axes (3, 3) of the tool's handles in the base frame.
         """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
         marker, axes, region = None, None, state.region

@@ -149,12 +149,7 @@ class CameraView:
             raise BadMessageError(self.trouble, "Nothing moved. Choose a target in another view.")
 
     def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
-        """Find the zero that puts the tip at the click.
-
-        Args:
-            camera: The camera of the drawing.
-            px: The pixel (2,) of the drawing.
-            snapshot: The arm.
+        """Find the zero that puts the tip at a click on a pixel (2,) of the drawing.
 
         Raises:
             BadMessageError: The picture is not usable, or the arm is not at rest.
@@ -168,11 +163,7 @@ class CameraView:
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
-        """Check periodically, while a page shows the picture, whether the camera has moved.
-
-        Args:
-            measured: All joints (n,).
-        """
+        """Check periodically, while a page shows the picture, whether the camera has moved."""
         now_s, rests = self._clock.now_s(), self._rests(measured)
         if self._checking is not None:
             if self._checking.done():

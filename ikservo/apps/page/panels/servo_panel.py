@@ -70,12 +70,7 @@ class ServoPanel:
         self._start(joint, "", "")
 
     def write(self, joint: str, name: str, text: str) -> None:
-        """Write a register, and read the table again.
-
-        Args:
-            joint: The joint.
-            name: The register.
-            text: A raw integer, or a number with a unit.
+        """Write a raw integer, or a number with a unit, to a register, and read the table again.
 
         Raises:
             InputError: The errors of ``read``; or the page cannot write the register.
@@ -171,12 +166,6 @@ def table_frame(
     line: ServoLine, servo: ServoSpec, note: str, is_written: Callable[[str], bool]
 ) -> dict[str, Any]:
     """Read a servo's table and return it as a page shows it.
-
-    Args:
-        line: The servos.
-        servo: The servo.
-        note: An additional remark.
-        is_written: Whether the page writes a register of this name.
 
     Raises:
         BusError: The servo does not reply.

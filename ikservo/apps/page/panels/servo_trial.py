@@ -37,12 +37,7 @@ def try_on_joint(
 ) -> list[Trial]:
     """Return step responses of a joint with its present, the given, and searched gains.
 
-    Args:
-        arm: The arm.
-        joint: The joint.
-        gains: Raw numbers by register; numbers that are already set are ignored.
-        step_deg: The joint motion.
-        suggest: Whether to search for better gains.
+    Gains are raw numbers by register; numbers that are already set are ignored.
 
     Raises:
         InputError: There are no other gains to try, or the joint does not turn.

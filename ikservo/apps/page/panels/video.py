@@ -30,12 +30,7 @@ _LOOK_S = 0.02  # period of polling for a new picture
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture to be sent.
-
-    Attributes:
-        number: Number of the picture, counted from 1.
-        jpeg: The JPEG data.
-    """
+    """A picture to be sent, counted from 1, as JPEG data."""
 
     number: int
     jpeg: bytes
@@ -59,7 +54,6 @@ class VideoSource:
         open_source: Opens the source.
 
     Attributes:
-        source: The source that was given.
         newest: The last picture (h, w) or (h, w, 3); None before the first.
         before: The transport of the arm that a simulated camera sees; None for real cameras.
         hint: A hint about the pictures; empty if there is none.

@@ -287,9 +287,7 @@ class ArmThread:
     def log_message(self, message: str, level: str = "bad") -> None:
         """Append a message for the user; a repetition only renews its time.
 
-        Args:
-            message: The event; an empty message is ignored.
-            level: ``bad`` for a problem, empty for information.
+        An empty message is ignored. The level ``bad`` is a problem, an empty one information.
         """
         if not message:
             return

@@ -161,15 +161,7 @@ def make_app(
     downloads: DownloadOffers | None = None,
     index: str = "index.html",
 ) -> Starlette:
-    """Make the server's application, with the origin check.
-
-    Args:
-        channels: Handle the messages and provide the frames.
-        keys: The keys that clients must prove.
-        clock: Clock for the time stamps of messages.
-        downloads: Files that pages have requested, if there are any.
-        index: The file of the page.
-    """
+    """Make the server's application, with the origin check."""
     routes: list[BaseRoute] = [*static_routes(index)]
     for channel in channels:
         handler = _WebSocketHandler(channel, keys, clock)

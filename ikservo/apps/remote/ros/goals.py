@@ -125,13 +125,7 @@ def trajectory_goal(
     limits: Mapping[str, tuple[float, float]],
     now_s: float,
 ) -> TrajectoryGoal:
-    """Return the goal in a message.
-
-    Args:
-        message: The message, with at least one point.
-        present: The present joints, rad or m.
-        limits: The lower and upper limit of each joint.
-        now_s: The time of the start.
+    """Return the goal in a message with at least one point; the motion starts at ``now_s``.
 
     Raises:
         InputError: The message names an unknown joint, or its points cannot be used.
