@@ -257,7 +257,7 @@ class Scene:
     def _place_arm(self, other: Scene, sizes: dict[str, Any]) -> None:
         present = self._others[other].placed
         if unknown := sizes.keys() - {"at_m", "rpy_deg"}:
-            raise UnknownNameError("field for placing an arm", min(unknown), ["at_m", "rpy_deg"])
+            raise UnknownNameError("placement field", min(unknown), ["at_m", "rpy_deg"])
         T = _pose_of_base(sizes.get("at_m", present.at_m), sizes.get("rpy_deg", present.rpy_deg))
         with self._changing_both(other):
             for one, another, pose in ((self, other, T), (other, self, _inverse(T))):

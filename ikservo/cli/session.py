@@ -164,7 +164,7 @@ def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None
     if plan.via_pose:
         print_status(f'The direct path would collide; moving via pose "{plan.via_pose}".')
     if plan.around:
-        print_status(f"On the straight path, {plan.around}; moving around it.")
+        print_status(f"The straight path is not possible: {plan.around}. Taking a detour.")
     if plan.speed_reduced:
         print_status("First motion after torque-on: slow speed.")
     if plan.tool_speed is not None and not plan.tool_speed.is_constant:

@@ -136,7 +136,11 @@ def parse_toml(path: Path, text: str) -> dict[str, Any]:
     # tomllib's time and memory grow with the square of the dots in a key: 128 KiB take gigabytes.
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
-            what = "joints or other values" if "{" in line else "decimal fractions or dots in names"
+            what = (
+                "values, such as joint angles"
+                if "{" in line
+                else "decimal fractions or dots in names"
+            )
             found = f"has {line.count('.')} {what}"
             expected = (
                 f"at most {MAX_DOTS} in a line; write each joint of a pose in its own line: "

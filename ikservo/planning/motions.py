@@ -500,7 +500,7 @@ class MoveGripper(MotionValue[GraspResult]):
             overcomes the friction of the gears: 0.05, or 0.1 for a 7.4 V STS3215.
     """
 
-    to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
+    to: Annotated[str | None, _choice("gripper motion", ("open", "close"))] = None
     _: KW_ONLY
     width_m: Annotated[float | None, _number("The width")] = None
     force: Annotated[float | None, _number("The force")] = None

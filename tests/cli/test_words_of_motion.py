@@ -74,7 +74,7 @@ def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
         ("jog shoulder_pan --duration 1 --speed 0", "The speed is 0."),
         ("jog shoulder_pan --duration 1 --speed 20mm", "is not an angle"),
         ("jog elbow --duration 1", "There is no joint or direction named 'elbow'."),
-        ("gripper ajar", "There is no motion of the gripper named 'ajar'."),
+        ("gripper ajar", "There is no gripper motion named 'ajar'."),
         ("gripper 30mm", "The width is 0.03 m."),
         ("gripper close --force 2", "The force is 2."),
         ("teach cup", "Cannot ask: input is not a terminal."),

@@ -100,7 +100,7 @@ def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: flo
         shift = unwrap_near(round(anchor), middle, subject.ticks_per_turn) - middle
     if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
         raise CalibrationError(
-            f"{subject.name}: the pose of the arm is outside the imported range.",
+            f"{subject.name}: its present position is outside the imported range.",
             "Check that the arm is in the pose and that the file belongs to this arm. Or: "
             "ikservo calibrate",
         )

@@ -252,7 +252,9 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
     calibration = load_calibration(name, loose.serial_number)
     if calibration is None:
         others = calibrations_of(name)
-        adopt = f" Or adopt the calibration of another adapter: ikservo calibration adopt {name}"
+        adopt = (
+            f" Or adopt the calibration made with another adapter: ikservo calibration adopt {name}"
+        )
         raise CalibrationError(
             f"{name} is not calibrated: there is no {loose.path}.",
             f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
@@ -385,7 +387,7 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
         raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
     reasons = " ".join(f"{p}: {reason}" for p, reason in mismatches.items())
     raise CalibrationError(
-        f"No calibration of another adapter fits this arm. {reasons}".rstrip(),
+        f"No calibration made with another adapter fits this arm. {reasons}".rstrip(),
         f"Calibrate it: ikservo calibrate {loose.model.name}",
     )
 

@@ -33,8 +33,8 @@ Joint = Annotated[
     typer.Option(
         "--joint",
         metavar="NAME=AXIS:METRES",
-        help="Without --from: a joint, from base to tip; its axis (z, y, x) while the arm stands "
-        "upright, and the length to the next one. Repeatable.",
+        help="Without --from: one joint. AXIS is x, y or z with the arm upright, METRES the "
+        "distance to the next joint. Repeat it for each joint, from base to tip.",
     ),
 ]
 Tip = Annotated[

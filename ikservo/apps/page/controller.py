@@ -266,7 +266,7 @@ class SessionController:
         recording = history.last_stop if message.stopped else history.since(-math.inf)
         if recording is None:
             raise BadMessageError(
-                "Nothing has stopped the arm yet.", "Save the present data instead."
+                "Nothing has stopped the arm yet.", "Save the recent history instead."
             )
         name = f"{self._arm.model.name}-{'stop' if message.stopped else 'history'}.csv"
         url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
@@ -362,7 +362,7 @@ class SessionController:
         """Switch a servo's torque, and drop the goal, because it started from the old position."""
         self._require_ready()
         if self._arm_thread.command.live:
-            raise BadMessageError("Torque stays on in Live.", "Switch Live off first.")
+            raise BadMessageError("Torque stays on while Live is on.", "Switch Live off first.")
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
@@ -404,7 +404,9 @@ class SessionController:
         picture, camera = self._require_picture(client)
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
-            raise BadMessageError("Nothing can be picked up in Live.", "Switch Live off first.")
+            raise BadMessageError(
+                "Nothing can be picked up while Live is on.", "Switch Live off first."
+            )
         self._grasp.request(self._circumstances())
         self._interaction.reset()
         self._grasp.choose(message, picture, camera, self._circumstances())

@@ -41,7 +41,8 @@ def keys(
     print_lines([str(path) for path in made])
     print_status(f"Copy the folder for its role to each machine, as {keys_folder()}:")
     print_status(
-        "server where the arm is, operator where it is driven, watcher where it is watched."
+        "Use server on the machine with the arm, operator on a machine that drives it, watcher on "
+        "a machine that only watches it."
     )
     print_status("Keep the authority folder secret: anyone who has it can make operator keys.")
 

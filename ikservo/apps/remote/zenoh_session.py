@@ -222,7 +222,7 @@ def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
     except socket.gaierror:
         return f"there is no machine named {host}", "Check its name, or give its IP address."
     except ConnectionRefusedError:
-        return "nothing listens there", "Start it on that machine: ikservo serve"
+        return "nothing listens there", "Serve the arm on that machine: ikservo serve"
     except OSError:
         return None
     if protocol == "tls" and not speaks_tls:

@@ -135,7 +135,7 @@ def tune_joint(
             what = f"to both sides, {' to '.join(f'{hz:g}' for hz in sorted(set(sine_hz)))} Hz,"
         print_status(
             f"{servo} of {arm.model.title} on {format_port(arm.port_name)}: "
-            f"{math.degrees(far_rad):.3g}° {what} at speed fast, "
+            f"moves {math.degrees(far_rad):.3g}° {what} at the fast speed, "
             f"{'about ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)

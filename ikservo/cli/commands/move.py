@@ -37,7 +37,7 @@ Blend = Annotated[
         "--blend",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Distance at which a --via point is passed; default: 20mm.",
+        help="Largest distance at which the tip passes a --via point; default: 20mm.",
         show_default=False,
     ),
 ]

@@ -174,7 +174,7 @@ class ArmThread:
         if self.job is not None or self.snapshot.calibration:
             raise InputError("The arm is busy.", "Wait until it has finished, or stop it.")
         if self.command.live:
-            raise InputError("The arm follows this page.", "Switch Live off first.")
+            raise InputError("The arm is following this page.", "Switch Live off first.")
         self._waiting_job = job
 
     def step(self) -> None:
