@@ -14,7 +14,7 @@ import numpy as np
 
 from ikservo.arguments import parse_number
 from ikservo.arm.background_motion import check_not_forked
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.control.loop import ControlLoop, OnCycle
 from ikservo.control.stop_requests import (
     CTRL_C,

@@ -40,7 +40,7 @@ from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, load_model
-from ikservo.model.collision_model import collision_body, collision_body_with_gripper
+from ikservo.model.collision_capsules import collision_body, collision_body_with_gripper
 from ikservo.model.joint_drive import nominal_parameters
 from ikservo.model.link_masses import stall_error
 from ikservo.model.load_lag import LoadLag, load_lags
@@ -221,12 +221,12 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
             with contextlib.suppress(FileWriteError):  # opening does not depend on the backup
                 back_up_once(bus, bus.backup_owner)
     except (BusError, CalibrationError) as error:
-        from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only
+        from ikservo.hardware.duplicate_ids import raise_explained  # noqa: PLC0415  # a failure only
 
         raise_explained(bus, error)
         raise
     if bus.port.health.degraded:
-        from ikservo.hardware.diagnostics import raise_on_duplicate_ids  # noqa: PLC0415
+        from ikservo.hardware.duplicate_ids import raise_on_duplicate_ids  # noqa: PLC0415
 
         raise_on_duplicate_ids(bus)
     return own

@@ -21,7 +21,7 @@ from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.arm_model import Obstacle
-from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.collision_capsules import collision_body_with_gripper
 from ikservo.model.scene_file import (
     FURTHEST_BASE_M,
     KINDS,

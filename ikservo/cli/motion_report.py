@@ -10,12 +10,12 @@ import typer
 
 from ikservo.arm import MotionPlan, MoveResult, OpenArm
 from ikservo.calibration import JointUnit
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import announce, motion_progress_bar
 from ikservo.cli.options import MotionOptions
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import announce, motion_progress_bar
 from ikservo.cli.terminal import print_lines
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
 from ikservo.planning.motion_plan import NearLimit

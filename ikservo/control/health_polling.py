@@ -8,14 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import (
+from ikservo.control.joint_reading import (
     JointState,
     load_percent,
     read_alarm_names,
     read_register,
     read_registers,
 )
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 from ikservo.guard import HealthMonitor, OverloadMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from ikservo.control.feedback import read_registers
+from ikservo.control.joint_reading import read_registers
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque

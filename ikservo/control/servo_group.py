@@ -12,7 +12,8 @@ import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.control.drive_feedback import DriveReader
-from ikservo.control.feedback import (
+from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
+from ikservo.control.joint_reading import (
     Feedback,
     JointState,
     read_joint_states,
@@ -20,16 +21,15 @@ from ikservo.control.feedback import (
     read_registers,
     with_retries,
 )
-from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
 from ikservo.control.servo_gains import raise_gains, read_gain_shares
-from ikservo.control.servo_limits import (
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
+from ikservo.control.stop_requests import StopOutcome, hold_servos
+from ikservo.control.streamed_servos import StreamedServos
+from ikservo.control.watchdog_and_torque_limits import (
     limit_torque,
     read_overload_rule,
     read_torque_share,
 )
-from ikservo.control.stillness import StillnessDetector, read_until_at_rest
-from ikservo.control.stop_requests import StopOutcome, hold_servos
-from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import (
     DrivenJoint,
     HealthLimits,

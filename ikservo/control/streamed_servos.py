@@ -10,12 +10,12 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 import numpy as np
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import Feedback
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.health_polling import HealthPoller, prepare_servos
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.joint_reading import Feedback
 from ikservo.control.stop_requests import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import (
     HeldUpError,
     IkservoError,

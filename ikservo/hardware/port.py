@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
-from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
+from ikservo.hardware.late_replies import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
 # The vendors' packet handlers call these methods by their camelCase names.

@@ -23,7 +23,7 @@ from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.arm_model import Model, Obstacle
 from ikservo.model.arm_schema import Text
-from ikservo.model.collision_model import bounding_capsules
+from ikservo.model.collision_capsules import bounding_capsules
 from ikservo.model.urdf_types import Box
 
 _Z = np.array([0.0, 0.0, 1.0])

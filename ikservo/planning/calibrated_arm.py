@@ -21,7 +21,7 @@ from ikservo.calibration.servo_config import (
     read_servo_config,
     register_mismatches,
 )
-from ikservo.control.feedback import read_register
+from ikservo.control.joint_reading import read_register
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import is_simulated, serial_number_of
@@ -33,7 +33,7 @@ from ikservo.model.link_masses import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
 if TYPE_CHECKING:
-    from ikservo.kinematics.bending import Bending
+    from ikservo.kinematics.bending_and_backlash import Bending
     from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
@@ -224,7 +224,7 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
-    from ikservo.kinematics.bending import Bending  # noqa: PLC0415  # few arms need it
+    from ikservo.kinematics.bending_and_backlash import Bending  # noqa: PLC0415  # few arms need it
 
     dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
     return Bending(dynamics, compliance, half_play)

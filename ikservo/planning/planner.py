@@ -25,8 +25,8 @@ from ikservo.kinematics.inertia import GRAVITY_M_S2
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
 from ikservo.model.joint_drive import nominal_parameters
-from ikservo.model.stopping_times import stopping_times_s
 from ikservo.model.tool import tool_frame
+from ikservo.model.travel_after_kill import stopping_times_s
 from ikservo.motion import (
     CartesianTrajectory,
     JointMove,

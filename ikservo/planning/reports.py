@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.errors import UnknownNameError, format_point
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 

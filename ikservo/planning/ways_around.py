@@ -8,7 +8,7 @@ from itertools import count
 
 import numpy as np
 
-from ikservo.guard.way_search import WaySearch
+from ikservo.guard.path_search import WaySearch
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.context import ArmContext
 from ikservo.planning.path_constraint import ConstrainedTool

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.kinematics import Chain
 from ikservo.model import Model
 from ikservo.ros_messages.link_transforms import LinkTransforms, quaternions

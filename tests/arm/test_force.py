@@ -2,7 +2,11 @@
 
 import pytest
 
-from ikservo.control.servo_limits import ServoRamLimits, limit_torque, torque_limit_registers
+from ikservo.control.watchdog_and_torque_limits import (
+    ServoRamLimits,
+    limit_torque,
+    torque_limit_registers,
+)
 from ikservo.errors import RegisterAccessError
 from ikservo.hardware import torque_on
 from ikservo.registers import MODELS, Access, Area, Family, OperatingMode, RegisterName

@@ -12,7 +12,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, CollisionError, InputError, StoppedError
 from ikservo.guard import KeepOutBox
-from ikservo.guard.way_search import WaySearch
+from ikservo.guard.path_search import WaySearch
 from ikservo.kernels.compiled import is_compiled
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model.tool import tool_frame

@@ -60,7 +60,7 @@ def test_blocked_jog_says_how_to_jog_back(run_cli, speed, back):
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
-    monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
+    monkeypatch.setattr("ikservo.cli.open_and_confirm.is_compiled", lambda: compiled)
     result = run_cli(f"jog shoulder_pan --duration 100ms {SIM} --json")
     assert result.err.count("not compiled") == (not compiled)
     assert result.code == 0

@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.apps.importing import meshes
-from ikservo.apps.importing.fitting import fit_capsules
+from ikservo.apps.importing.mesh_capsules import fit_capsules
 from ikservo.apps.importing.meshes import MAX_TRIANGLES, read_triangles
 from ikservo.apps.importing.mjcf import read_mjcf
 from ikservo.apps.teaching.dataset_reading import MAX_FRAMES, read_dataset

@@ -10,7 +10,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadReplyError
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.hardware.diagnostics import find_duplicate_ids, raise_on_duplicate_ids
+from ikservo.hardware.duplicate_ids import find_duplicate_ids, raise_on_duplicate_ids
 from ikservo.hardware.ping_sweep import framing_of
 from ikservo.hardware.scan import identify
 from ikservo.registers import control_table

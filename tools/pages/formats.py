@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from ikservo.apps.page import arm_list
 from ikservo.apps.page.messages import page_messages as messages
 from ikservo.apps.page.panels import servo_bench
-from ikservo.apps.page.server import page_connection as connection
+from ikservo.apps.page.server import message_age_and_rate as connection
 from ikservo.apps.teaching import program, recording
 from ikservo.apps.teaching.program import Program
 from ikservo.apps.teaching.recording import RecordingHeader

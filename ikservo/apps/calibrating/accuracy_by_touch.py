@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ikservo.apps.calibrating.by_hand_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibrate_by_hand import print_servos
 from ikservo.apps.calibrating.calibrate_touch import TouchOffOptions, make_targets
-from ikservo.apps.calibrating.calibration_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibration_session import open_torque_off
 from ikservo.apps.calibrating.kinematic_calibration import TouchPoint
 from ikservo.apps.calibrating.touch_dialogue import touch_points

@@ -14,7 +14,7 @@ from ikservo.apps.calibrating.auto_calibration_setup import (
     configure_encoders,
     limited_context,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import measure_joint
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.apps.calibrating.range_tracker import ContactState, EndStopDetector
@@ -23,7 +23,7 @@ from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration import Limit, Limits
 from ikservo.calibration.homing import TickRange
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
-from ikservo.control.feedback import load_percent
+from ikservo.control.joint_reading import load_percent
 from ikservo.control.loop import ControlCycle
 from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import CalibrationError, RefusedError

@@ -19,7 +19,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import CalibrationResult, measure_joint
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.calibration import Limits
@@ -38,7 +38,7 @@ from ikservo.files.writing import remove_durably, write_atomic
 from ikservo.guard import CollisionChecker, DrivenJoint, sample_line
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import CalibratedArm, ZeroSource
 from ikservo.planning.context import ArmContext

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import typer
 
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     CalibrationOptions,
     calibrate_by_hand,
     switch_torque_off,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState, warnings
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState, warnings
 from ikservo.apps.calibrating.calibration_result import CalibrationResult
 from ikservo.apps.calibrating.calibration_session import (
     TorqueOffArm,
@@ -23,10 +23,10 @@ from ikservo.apps.calibrating.calibration_session import (
     open_torque_off,
 )
 from ikservo.calibration import Limits
-from ikservo.cli.direction_prompt import check_new_signs
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.cli.wiggle_prompt import check_new_signs
 from ikservo.errors import BadValueError, StoppedError, shown
 from ikservo.hardware.port_names import is_simulated, with_simulator_option
 from ikservo.maintenance.dialogue import ScriptedAnswers

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.apps.calibrating.calibration_dialogue import switch_torque_off
+from ikservo.apps.calibrating.by_hand_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibration_session import (
     TorqueOffArm,
     adopt_calibration,

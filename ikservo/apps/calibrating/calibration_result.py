@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState, is_full_turn
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState, is_full_turn
 from ikservo.calibration.homing import MAX_X_OFFSET, Homing, TickRange, choose_homing
 from ikservo.calibration.joint_limits import Limits
 from ikservo.calibration.joint_map import JointMap, encoder_of, unwrap_near, wrapped_difference

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import (
     CalibrationMetadata,
     CalibrationResult,

@@ -9,10 +9,10 @@ import numpy as np
 
 from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.board_detection import Intrinsics, Picture, PictureSource
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.camera_sources import open_source
-from ikservo.apps.cameras.pictures import Intrinsics, Picture, PictureSource
 from ikservo.arguments import parse_number
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.opening import require_own_port

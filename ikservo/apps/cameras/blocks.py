@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from ikservo.apps.cameras.board_detection import Picture
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import Picture
 from ikservo.errors import BadValueError, InputError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import rotation_rpy

@@ -11,6 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ikservo.apps.cameras.board import Board, require_opencv
+from ikservo.apps.cameras.board_detection import find_board
+from ikservo.apps.cameras.camera_and_arm_fit import MIN_SAMPLES
 from ikservo.apps.cameras.camera_by_hand import HandCalibration
 from ikservo.apps.cameras.camera_calibration import (
     ESTIMATING,
@@ -25,14 +27,12 @@ from ikservo.apps.cameras.camera_command import (
     check_camera_name,
     open_camera,
 )
-from ikservo.apps.cameras.estimation import MIN_SAMPLES
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, read_pictures
-from ikservo.apps.cameras.pictures import find_board
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration.paths import pictures_path
 from ikservo.cli.camera_options import CameraOptions
+from ikservo.cli.open_and_confirm import open_from_options, second_interrupt_lowers
 from ikservo.cli.options import MotionOptions, NamedServoConnection
-from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.control.stop_requests import exiting_on_signals

@@ -12,17 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
-from ikservo.apps.cameras.estimation import (
-    BoardSample,
-    CameraEstimate,
-    CameraFit,
-    Extent,
-    estimate_camera,
-    fit_camera,
-)
-from ikservo.apps.cameras.picture_folder import PictureFolder
-from ikservo.apps.cameras.pictures import (
+from ikservo.apps.cameras.board_detection import (
     SAME_PICTURE,
     BoardView,
     Intrinsics,
@@ -32,6 +22,16 @@ from ikservo.apps.cameras.pictures import (
     find_board,
     guess_intrinsics,
 )
+from ikservo.apps.cameras.camera_and_arm_fit import (
+    BoardSample,
+    CameraEstimate,
+    CameraFit,
+    Extent,
+    estimate_camera,
+    fit_camera,
+)
+from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
+from ikservo.apps.cameras.picture_folder import PictureFolder
 from ikservo.apps.cameras.pose_choice import choose_postures, is_visible
 from ikservo.arm.arm import Arm
 from ikservo.calibration import JointMap
@@ -40,7 +40,7 @@ from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
 from ikservo.errors import CalibrationError, PictureError, RefusedError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import log_so3

@@ -9,10 +9,10 @@ import numpy as np
 
 from ikservo.apps.cameras.arm_camera import camera_key, camera_model, known_camera, size_error
 from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.board_detection import BoardView, PictureSource, board_pose, find_board
 from ikservo.apps.cameras.camera_calibration import seen_board
 from ikservo.apps.cameras.camera_file import CameraCheck, CameraFile, save_camera
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import BoardView, PictureSource, board_pose, find_board
 from ikservo.arm.arm import Arm
 from ikservo.calibration.records import CalibratedCamera, SeenBoard
 from ikservo.errors import CalibrationError, PictureError

@@ -20,7 +20,7 @@ from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
 
 if TYPE_CHECKING:
-    from ikservo.apps.cameras.pictures import PictureSource
+    from ikservo.apps.cameras.board_detection import PictureSource
     from ikservo.arm.arm import Arm
 
 __all__ = ["BoardOption", "CameraNameOption", "check_camera_name", "command", "open_camera"]
@@ -167,8 +167,8 @@ def _check(
 ) -> None:
     from ikservo.apps.cameras.camera_check import remember_board  # noqa: PLC0415
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
+    from ikservo.cli.open_and_confirm import open_from_options  # noqa: PLC0415
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
-    from ikservo.cli.session import open_from_options  # noqa: PLC0415
 
     with open_from_options(ArmConnection(arm=arm, port=port)) as machine:
         opened = require_own_port(machine)
@@ -257,8 +257,8 @@ def _set_tip_zero(
 ) -> None:
     from ikservo.apps.cameras.tip_click import find_tip_zero, save_tip_zero  # noqa: PLC0415
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
+    from ikservo.cli.open_and_confirm import open_from_options  # noqa: PLC0415
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
-    from ikservo.cli.session import open_from_options  # noqa: PLC0415
 
     with open_from_options(ArmConnection(arm=name, port=port)) as machine:
         arm, now = require_own_port(machine), datetime.now(UTC).replace(microsecond=0)

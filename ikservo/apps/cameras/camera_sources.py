@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from typing import cast
 
 from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.pictures import LiveCamera, PictureSource
+from ikservo.apps.cameras.board_detection import LiveCamera, PictureSource
 from ikservo.errors import InputError
 from ikservo.remedies import install_hint
 

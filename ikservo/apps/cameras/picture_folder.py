@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import Field, ValidationError
 
-from ikservo.apps.cameras.pictures import Picture
+from ikservo.apps.cameras.board_detection import Picture
 from ikservo.calibration.calibration_file import dump_calibration, read_calibration
 from ikservo.calibration.records import Calibration, Name, Text
 from ikservo.errors import FileFormatError, InputError

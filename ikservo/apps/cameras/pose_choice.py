@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.estimation import BoardSample, CameraFit, picture_information
-from ikservo.apps.cameras.pictures import Intrinsics, lens_terms
+from ikservo.apps.cameras.board_detection import Intrinsics, lens_terms
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, CameraFit, picture_information
 from ikservo.kinematics.arrays import Matrix
 
 _MAX_TILT_RAD = math.radians(50.0)

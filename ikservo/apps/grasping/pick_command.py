@@ -8,10 +8,10 @@ from typing import Annotated, Any
 import typer
 
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection, SpeedOption
 from ikservo.cli.quantities import parse_length_m, parse_pixels
-from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import InputError
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ikservo.apps.importing.collada import check_collada
-from ikservo.apps.importing.fitting import Triangles
+from ikservo.apps.importing.mesh_capsules import Triangles
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import path_inside
 from ikservo.model.urdf_types import Mesh

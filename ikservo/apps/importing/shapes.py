@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.apps.importing.fitting import (
+from ikservo.apps.importing.mesh_capsules import (
     FittedCapsule,
     MeshFit,
     Triangles,

@@ -15,7 +15,7 @@ from ikservo.apps.lab.drive_fit import JointPrior
 from ikservo.apps.lab.drive_recording import DriveRecording
 from ikservo.apps.lab.duty_model import JOINT_PARAMETERS
 from ikservo.apps.lab.excitation import Excitation, TourOptions, plan_excitation, record_excitation
-from ikservo.apps.lab.identification import (
+from ikservo.apps.lab.parameter_estimation import (
     Identification,
     ParameterEstimate,
     identify,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.lab.drive_recording import DriveRecording, smooth_samples
-from ikservo.apps.lab.identification import gravity_columns
+from ikservo.apps.lab.parameter_estimation import gravity_columns
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import RefusedError

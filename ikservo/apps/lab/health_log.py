@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from ikservo.apps.lab.identification import Identification
+from ikservo.apps.lab.parameter_estimation import Identification
 from ikservo.calibration.records import Name
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir, read_text

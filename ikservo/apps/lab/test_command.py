@@ -21,12 +21,11 @@ from ikservo.apps.lab.accuracy_report import (
 from ikservo.apps.lab.accuracy_test import PARTS, AccuracyTest, TestSettings
 from ikservo.apps.lab.touched_accuracy import touched_poses
 from ikservo.arm import ZeroSource
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection, PointsOption
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,
     print_json,
@@ -36,6 +35,7 @@ from ikservo.cli.terminal import (
     progress_bar,
 )
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.files.writing import FileWriteError, check_writable, write_atomic
 from ikservo.model import Model

@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ikservo.apps.page.controller import SessionController
 from ikservo.apps.page.dragging.snapshot import StopNotice
-from ikservo.apps.page.frames import mode
+from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
+from ikservo.apps.page.page_updates import mode
 from ikservo.apps.page.panels.follow_panel import FindArm
 from ikservo.apps.page.panels.page_cameras import ArmCameras, PageCameras
 from ikservo.apps.page.panels.video import VideoSource

@@ -20,9 +20,9 @@ import typer
 from ikservo.apps.cameras.camera_command import CameraNameOption, check_camera_name
 from ikservo.cli.completion import complete_arms
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import warn_uncompiled
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection
-from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
-from ikservo.apps.remote.connection import Connection, PendingCall
+from ikservo.apps.remote.client_connection import Connection, PendingCall
 from ikservo.apps.remote.plan_fields import PathSamples, plan_from_fields
 from ikservo.apps.remote.wire_messages import parse_result
 from ikservo.arguments import check_callable

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar, get_args
 
 from numpy.typing import ArrayLike
 
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.plan_fields import RemoteTrajectory
 from ikservo.apps.remote.remote_description import RemotePoses, describe, described_chain

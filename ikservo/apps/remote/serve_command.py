@@ -18,11 +18,11 @@ from ikservo.apps.remote.zenoh_session import open_server
 from ikservo.arm import Arm
 from ikservo.arm.networks import find_network
 from ikservo.arm.opening import open_own_arm
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, NamedServoConnection, SceneOption
 from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import InputError
 from ikservo.model.scene_file import with_scene
 

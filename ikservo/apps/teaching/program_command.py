@@ -16,8 +16,8 @@ from ikservo.apps.teaching.program import Program, ProgramStep, read_program, wr
 from ikservo.apps.teaching.program_run import NextStep, ProgramRun, StepCheck, StepReport
 from ikservo.arm import OpenArm
 from ikservo.arm.opening import require_own_port
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
     ArmConnection,
@@ -26,8 +26,8 @@ from ikservo.cli.options import (
     OverwriteOption,
     SceneOption,
 )
-from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import IkservoError, InputError
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]

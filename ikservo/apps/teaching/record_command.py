@@ -13,6 +13,7 @@ from ikservo.apps.teaching.live_view import FOXGLOVE_PORT
 from ikservo.apps.teaching.recorder import RecordSettings, record_other_process
 from ikservo.arm import OpenArm
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     ArmConnection,
     DurationOption,
@@ -22,7 +23,6 @@ from ikservo.cli.options import (
     UncalibratedOption,
 )
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError
 

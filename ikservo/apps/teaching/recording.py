@@ -25,7 +25,7 @@ from typing import IO, Any, cast
 import numpy as np
 
 from ikservo.arguments import check_flag
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json, require_file
 from ikservo.files.writing import FileWriteError

@@ -13,11 +13,11 @@ from ikservo.apps.teaching.hand_guiding import guide_by_hand
 from ikservo.arm import OpenArm
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration import JointUnit
+from ikservo.cli.open_and_confirm import announce_lowering, confirm_motion, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import announce_lowering, confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,
     print_json,

@@ -15,7 +15,7 @@ from ikservo.apps.workbench.line_quality import MeteredTransport
 from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.diagnostics import raise_on_duplicate_ids
+from ikservo.hardware.duplicate_ids import raise_on_duplicate_ids
 from ikservo.hardware.port import Port
 from ikservo.hardware.transport import Transport, open_transport
 from ikservo.model import Model

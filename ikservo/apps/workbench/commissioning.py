@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from ikservo.apps.workbench.provisioning import (
+from ikservo.apps.workbench.id_and_baud_rate import (
     ServoSettings,
     check_model,
     provision,

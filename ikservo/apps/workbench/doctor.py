@@ -14,7 +14,7 @@ from ikservo.calibration.paths import calibrations_of, journals_of
 from ikservo.errors import BusError, FileFormatError, IkservoError, PortError
 from ikservo.files.reading import config_dir
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
+from ikservo.hardware.duplicate_ids import DUPLICATE_ID_HINT, find_duplicate_ids
 from ikservo.hardware.port import Port, open_port
 from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.hardware.port_names import is_simulated

@@ -14,7 +14,7 @@ import typer
 from ikservo.apps.workbench.eeprom_restore import Restoration, plan_restoration, write_restoration
 from ikservo.apps.workbench.packet_decoding import decode_packets
 from ikservo.apps.workbench.servo_plot import read_joint_maps, show_plot
-from ikservo.apps.workbench.servo_tune import tune_joint
+from ikservo.apps.workbench.servo_tune_command import tune_joint
 from ikservo.apps.workbench.servo_workbench import (
     RegisterReading,
     ServoLine,

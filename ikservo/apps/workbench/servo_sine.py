@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     REST_S,
     find_free_motion,
     record_joint,

@@ -8,7 +8,7 @@ import re
 from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from ikservo.apps.workbench.provisioning import change_address, check_address_is_free
+from ikservo.apps.workbench.id_and_baud_rate import change_address, check_address_is_free
 from ikservo.apps.workbench.tried_values import forget_if_former
 from ikservo.arguments import parse_port
 from ikservo.arm.opening import backup_owner, open_bus

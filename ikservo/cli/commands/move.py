@@ -10,6 +10,7 @@ import typer
 from ikservo.cli.commands.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import PostureOptions, report_missing_freedom
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
+from ikservo.cli.open_and_confirm import open_from_options, plan_motion
 from ikservo.cli.options import (
     ArmConnection,
     Length,
@@ -22,7 +23,6 @@ from ikservo.cli.options import (
     ToolSpeedOption,
 )
 from ikservo.cli.quantities import parse_length_m, parse_point_m
-from ikservo.cli.session import open_from_options, plan_motion
 from ikservo.errors import InputError
 from ikservo.planning.motions import THINK_S, LookAt, MoveThrough, MoveTo
 

@@ -22,6 +22,7 @@ from ikservo.arm import ArmState, JointState
 from ikservo.arm.other_process import query_state
 from ikservo.calibration import format_source
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     ArmConnection,
     CountOption,
@@ -31,7 +32,6 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.posture_reports import posture_fields, posture_lines
 from ikservo.cli.quantities import parse_point_m, parse_time_s
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import open_console, print_json, print_lines, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError, format_point

@@ -5,16 +5,16 @@ from contextlib import nullcontext
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import check_zeros
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage, CalibrationState
+from ikservo.apps.calibrating.by_hand_dialogue import check_zeros
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage, CalibrationState
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.apps.calibrating.range_tracker import RangeTracker
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
-from ikservo.cli.direction_prompt import check_new_signs
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.cli.wiggle_prompt import check_new_signs
 from ikservo.errors import CalibrationError
 from ikservo.maintenance.direction_check import directions_confirmed
 from tests.calibration.mounted_arms import load_model

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import MeasuredJoint, measure_joint
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.homing import TickRange

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     apply_answer,
     possible_answers,
     read_script,
 )
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_procedure import (
     CalibrationStage,
     CalibrationState,
     joint_readouts,

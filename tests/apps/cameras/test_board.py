@@ -10,8 +10,8 @@ from ikservo.errors import BadValueError, CalibrationError, PictureError
 
 cv2 = pytest.importorskip("cv2")
 
+from ikservo.apps.cameras.board_detection import Intrinsics, board_pose, find_board  # noqa: E402
 from ikservo.apps.cameras.camera_calibration import BoardPictures  # noqa: E402
-from ikservo.apps.cameras.pictures import Intrinsics, board_pose, find_board  # noqa: E402
 from servosim import read_arm_file  # noqa: E402
 from servosim.assembly import make_arm_world  # noqa: E402
 from servosim.camera import SimulatedCamera  # noqa: E402

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.apps.cameras.board_detection import Intrinsics
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import Intrinsics
 from ikservo.apps.grasping import jaws
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.apps.grasping.pick_and_place import Pick, Place, pick_box

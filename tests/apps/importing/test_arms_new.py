@@ -13,7 +13,7 @@ import trimesh
 import ikservo
 from ikservo.apps.page.drawing.scene_shapes import link_shapes
 from ikservo.kinematics.capsules import segment_distance
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from ikservo.model.urdf_types import Mesh
 from tests.oracle import CONFIGS
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ikservo.apps.page.controller import SessionController
+from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages import thing_messages as things
 from ikservo.apps.page.running.arm_thread import ArmThread

@@ -10,7 +10,7 @@ from ikservo.apps.remote import certificates as making
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import ArmAddress, Endpoint, parse_host
 from ikservo.apps.remote.arm_server import ArmServer
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.services import MOTIONS, STREAMED, WATCH
 from ikservo.apps.remote.wire_messages import ServiceRequest, Setpoint, encode, result_of
 from ikservo.apps.remote.zenoh_session import Certificate, ask, open_client, open_server

@@ -337,7 +337,7 @@ def test_setup_reports_intermittent_replies_of_servo(run_cli, monkeypatch):
         found = scan_rate(port, rate, framings)
         return found if found and next(looks) % 2 else []
 
-    monkeypatch.setattr("ikservo.apps.workbench.provisioning.scan_rate", now_and_then)
+    monkeypatch.setattr("ikservo.apps.workbench.id_and_baud_rate.scan_rate", now_and_then)
     result = run_cli("setup so101 --port sim --start gripper --yes --wait 5")
     assert result.code == 4
     assert "has STS3215 at id 6, 1000000 baud, which did not answer reliably" in result.err

@@ -38,7 +38,7 @@ from ikservo.errors import UnknownNameError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.arm_model import Obstacle
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 
 _STEPS_HZ = 30.0
 _MAX_WARNINGS = 6

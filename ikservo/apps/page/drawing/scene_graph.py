@@ -33,7 +33,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 from ikservo.model.arm_model import at_distance, near_distance
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from ikservo.model.tool import tool_frame
 
 _DIGITS = 7  # decimals of positions, 0.1 µm

@@ -19,9 +19,9 @@ from ikservo.apps.cameras.arm_camera import (
     table_m,
 )
 from ikservo.apps.cameras.blocks import find_block_at, find_blocks
+from ikservo.apps.cameras.board_detection import Picture, find_board, is_mirrored
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
-from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
 from ikservo.apps.cameras.tip_click import TipZero, find_tip_zero
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot
 from ikservo.apps.page.messages.page_messages import BadMessageError

@@ -9,7 +9,7 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.follow_job import FollowLeader
 from ikservo.apps.page.running.follow_lag import MAX_LAG_S
 from ikservo.apps.page.running.leader import LeadArm, LeaderFeed
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.arm.leader_following import shared_joints

@@ -14,7 +14,7 @@ from ikservo.apps.page.panels.program_draft import ProgramDraft, ProgramFolder
 from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.program_play import PlayState, ProgramPlay
 from ikservo.apps.page.running.record_job import RecordArm
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.teaching.program import ProgramStep
 from ikservo.arm import Arm

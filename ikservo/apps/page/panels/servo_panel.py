@@ -7,7 +7,7 @@ from typing import Any
 
 from ikservo.apps.page.running.arm_job import JobObserver
 from ikservo.apps.page.running.arm_thread import ArmThread
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.workbench.servo_workbench import (
     ServoLine,

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ikservo.apps.page.server.server import Frame
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     Trial,
     best_trial,
     find_turning_servo,

@@ -15,7 +15,7 @@ from ikservo.apps.page.messages import thing_messages as msg
 from ikservo.apps.page.panels.follow_panel import FindArm
 from ikservo.apps.page.picking.viewpoints import arm_extent
 from ikservo.apps.page.server.downloads import Download, DownloadOffers
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.arm.other_arm import OtherArm

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.apps.cameras.board_detection import PictureSource
 from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE
 from ikservo.apps.cameras.capture import Capture, open_capture
-from ikservo.apps.cameras.pictures import PictureSource
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
 from ikservo.files.public_source import public_source

@@ -31,7 +31,7 @@ from ikservo.kinematics.conditioning import (
     nearest_singularity,
 )
 from ikservo.model import Model
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 
 TABLE = "the table"
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.page.dragging.snapshot import CalibrationView
 from ikservo.apps.page.drawing.view_picture import SceneState
 from ikservo.apps.page.running.calibration_panel import REFERENCE_POSE

@@ -39,7 +39,7 @@ from ikservo.apps.page.server.auth import (
     new_nonce,
 )
 from ikservo.apps.page.server.downloads import DownloadOffers
-from ikservo.apps.page.server.page_connection import (
+from ikservo.apps.page.server.message_age_and_rate import (
     MessageFilter,
     RateLimitError,
     StaleMessageError,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 
-from ikservo.control.feedback import with_retries
+from ikservo.control.joint_reading import with_retries
 from ikservo.errors import BusError, HeldUpError, RegisterAccessError
 from ikservo.guard import OverloadRule
 from ikservo.hardware.bus import ServoBus

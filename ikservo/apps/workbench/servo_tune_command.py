@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ikservo.apps.workbench.servo_sine import measure_sine
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     Trial,
     best_trial,
     find_turning_servo,
@@ -15,11 +14,12 @@ from ikservo.apps.workbench.servo_tuning import (
     try_steps,
     tunable_registers,
 )
+from ikservo.apps.workbench.servo_sine import measure_sine
 from ikservo.apps.workbench.servo_workbench import find_register, parse_register_value
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.results import Field, Fields, json_values, print_records
-from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import BadValueError, InputError
 from ikservo.hardware.register_batches import Register

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from ikservo.arm import Arm, OpenArm, ZeroSource
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import ArmConnection, MotionOptions
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.errors import InputError

@@ -39,7 +39,7 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.calibration_panel import calibration_fields
 from ikservo.apps.page.running.limp_picture import show_calibration
 from ikservo.apps.page.server.auth import Permission
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm, JointState
 from ikservo.calibration import format_position

@@ -15,11 +15,11 @@ from ikservo.apps.page.dragging.goal_planning import GoalPlanner, PlanRequest
 from ikservo.apps.page.dragging.interaction import Interaction
 from ikservo.apps.page.dragging.labels import STOP_TEXTS
 from ikservo.apps.page.dragging.snapshot import StopNotice
-from ikservo.apps.page.frames import FrameComposer
 from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
 from ikservo.apps.page.messages.program_messages import ProgramMessage
 from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
+from ikservo.apps.page.page_updates import FrameComposer
 from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
@@ -37,7 +37,7 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.history import csv_lines
 from ikservo.apps.page.server.auth import Permission
 from ikservo.apps.page.server.downloads import Download, DownloadOffers
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.cameras.board import Board, require_opencv
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, LensTerms
 from ikservo.apps.cameras.capture import open_capture
-from ikservo.apps.cameras.estimation import BoardSample, LensTerms
 from ikservo.errors import CalibrationError, InputError, PictureError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_procedure import (
     MARGIN_RAD,
     CalibrationStage,
     CalibrationState,
