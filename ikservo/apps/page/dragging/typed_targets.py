@@ -167,7 +167,7 @@ class ToolTargets:
         start = self._chain.clip(q)
         found = solve_with_orientation(
             self._chain, self._tool, Target(position), orientation, start
-        ).solution
+        )
         if not found.reached:
             raise UnreachableError(
                 position.tolist(), found.nearest_m.tolist(), [str(limit) for limit in found.binding]
