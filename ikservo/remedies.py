@@ -58,7 +58,10 @@ _BUTTONS = [
     (r"See: ikservo where\b", "See Health on this page"),
     (r"ikservo where\b(?! [A-Z<])", "see Health on this page"),
     (r"ikservo calibrate\b(?!(?: \w+)? --)( \w+)?", "press Calibrate"),
-    (r": (ikservo (?:recover|doctor|setup|scan))\b", r", in a terminal: \1"),
+    (r": ikservo doctor\b(?! --[rw])( --arm \w+)?", ": press Check in the list of arms"),
+    (r": ikservo setup\b( ARM)?", ": press Set up servos in the list of arms"),
+    (r": ikservo scan\b", ": press Find servos in the list of arms"),
+    (r": (ikservo (?:recover|doctor --write-eeprom))\b", r", in a terminal: \1"),
 ]
 _PAGE_REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _BUTTONS]
 _REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _REPLACEMENTS]

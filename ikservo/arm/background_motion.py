@@ -294,7 +294,8 @@ class Background:
         check_not_forked(self._process_id)
         if self._stream is not None and not self._stream.done:
             raise RefusedError(
-                "A stream of setpoints is open.", "Leave its block first, or send goals through it."
+                "A stream of setpoints is open.",
+                "Leave its `with` block first, or send setpoints through it.",
             )
 
 
@@ -306,7 +307,7 @@ def check_not_forked(process_id: int) -> None:
     """
     if os.getpid() != process_id:
         raise RefusedError(
-            f"The arm was opened by process {process_id}; a fork of it cannot use the arm.",
+            f"The arm was opened by process {process_id}; a forked process cannot use it.",
             "Open the arm in the process that moves it, or start processes with "
             'multiprocessing.get_context("spawn").',
         )

@@ -547,7 +547,7 @@ class MotionMethods(Protocol):
         given = _fields(MoveGripper, options)
         if to is not None and not isinstance(to, str):
             if given.get("width_m") is not None:
-                raise InputError("Give the gripper open, close or a width, and only one of them.")
+                raise InputError("Give the gripper exactly one of open, close and a width.")
             given["width_m"], to = to, None
         return self._run(MoveGripper(to, **given), on_progress, wait=wait)
 

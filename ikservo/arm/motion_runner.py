@@ -381,7 +381,7 @@ class MotionRunner:
         """
         if speed != "slow" and self._read_first_motion():
             raise RefusedError(
-                "Torque was switched off after this was planned.",
+                "Torque was switched off after this motion was planned.",
                 "Nothing was sent. Plan again: the first motion after torque-on is slow.",
             )
 

@@ -213,7 +213,7 @@ class _PathWatch:
         try:
             self._context.check_piece(trajectory, from_s, self._next_s, speed)
         except CollisionError as error:
-            reason = StopReason(StopKind.OBSTACLE, f"The scene was changed: {error.cause}.")
+            reason = StopReason(StopKind.OBSTACLE, f"The scene was changed, and now {error.cause}.")
             servos.request_stop(reason)
 
 

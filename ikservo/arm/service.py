@@ -200,9 +200,7 @@ class ArmService:
         holder = self.lease.holder
         if holder is None or holder.lease != lease:
             return False
-        return self.lose(
-            holder, f"{holder.operator} gave back control; the arm holds its position."
-        )
+        return self.lose(holder, f"{holder.operator} released control; the arm holds its position.")
 
     def lose(self, holder: Holder, text: str) -> bool:
         """Withdraw a lease and stop the motion under it; return whether it was in force."""

@@ -79,7 +79,7 @@ def choose_homing(
     """
     if travel.width > encoder.ticks - 2:  # a tick is needed to distinguish the ends
         raise CalibrationError(
-            f"{joint}: travel of {travel.width} ticks, more than one turn ({encoder.ticks}).",
+            f"{joint}: its travel of {travel.width} ticks is more than one turn ({encoder.ticks}).",
             f"Is a horn loose? For a joint without end stops: --continuous {joint}",
         )
     if not encoder.wraps:

@@ -164,7 +164,7 @@ def register_mismatches(
     for joint in calibration.joints:
         for servo in joint.servos:
             if servo.id not in config:
-                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not of this arm")
+                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "absent")
             else:
                 yield from _servo_mismatches(joint.name, servo, config[servo.id])
 

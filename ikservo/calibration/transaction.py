@@ -214,7 +214,7 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
     if reached is TransactionProgress.EVERYTHING:
         _write_file(journal, journal.new_text, replace_calibration)
         remove_durably(journal_path)
-        return "An interrupted calibration was complete in the servos; its file has now been saved."
+        return "An interrupted calibration had reached all servos; its file has now been saved."
     _write_file(journal, journal.old_text, write_atomic)
     remove_durably(journal_path)
     return "An interrupted calibration had not changed anything yet; the previous one is valid."
@@ -227,7 +227,7 @@ def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibra
         if calibrating:
             return ""
         raise CalibrationError(
-            "A calibration was interrupted: the servos hold the settings of its search.",
+            "A calibration was interrupted; the servos still have the settings of its search.",
             "Support the arm and undo it: ikservo calibration revert. Or calibrate again: "
             "ikservo calibrate",
         )

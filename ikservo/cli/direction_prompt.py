@@ -37,7 +37,9 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
         return False
     if directions_confirmed(machine.model, machine.port_name):
         return False
-    print_status("Arm file or calibration changed: test motion first, each joint 5° and back.")
+    print_status(
+        "The arm file or calibration has changed. First a test motion: each joint by 5° and back."
+    )
     _check_each_joint(machine, [], yes=options.yes)
     return True
 
@@ -55,10 +57,10 @@ def check_new_signs(
     if not names:
         return True
     print_status(
-        f"Sign opposite to the arm file: {', '.join(names)}. A small test motion checks it:"
+        f"Sign opposite to the arm file's: {', '.join(names)}. A small test motion checks this:"
     )
-    print_status("torque comes on and each of them moves 5° and back.")
-    if not operator.agrees(Question("Make the test motion now?", Unasked.NO)):
+    print_status("torque is switched on, and each of these joints moves by 5° and back.")
+    if not operator.agrees(Question("Run the test motion now?", Unasked.NO)):
         print_status(
             "The first motion begins with this test. To run it: "
             f"ikservo calibrate {model.name} --wiggle"

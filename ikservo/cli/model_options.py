@@ -79,7 +79,7 @@ class PostureOptions:
             if weights[joint] == 0.0:
                 name = chain.names[joint]
                 raise InputError(
-                    f"--weight {name}={text}: nothing is preferred for {name}.",
+                    f"--weight {name}={text}: there is no preferred position for {name}.",
                     f"Give --prefer {name}=POSITION, or a pose, as well.",
                 )
             try:
@@ -118,7 +118,7 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
     from ikservo.planning.calibrated_arm import calibrated_model  # noqa: PLC0415  # loads the servo modules
 
     own = calibrated_model(model)
-    older = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
+    older = f" (the newest; older files: {len(own.others)})" if own.others else ""
     print_status(f"Limits from calibration: {own.file}{older}")
     return own.model
 

@@ -122,12 +122,12 @@ def report_stop(found: StopAllResult, *, as_json: bool) -> int:
         for one in found.stopped:
             was = "was moving; stopped" if one.moving else "was not moving"
             if one.latched:
-                was += "; its program moves it again only once the stop is acknowledged there"
+                was += "; acknowledge the stop in its program before it can move again"
             rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
             servos = [f"{label:10}  {', '.join(names)}" for label, names in rows.items() if names]
             print_lines([f"{one.arm} on {format_port(one.port)} {was}", *servos], indent=12)
         for error in found.errors:
-            print_status(f"Not confirmed to be stopped: {error.command_message}")
+            print_status(f"Could not confirm the stop: {error.command_message}")
             print_status(error.command_hint)
     for error in found.errors:
         return error.exit_code

@@ -25,7 +25,7 @@ def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
     registers = torque_limit_registers(bus, servo_id)
     if registers is None:
         servo = str(bus.servos[servo_id])
-        raise RegisterAccessError(servo, "torque limit", "there is none in RAM")
+        raise RegisterAccessError(servo, "torque limit", "this servo has none in RAM")
     limit, maximum = registers
     max_counts = bus.read(servo_id, maximum, raw=True)
     bus.write(servo_id, limit, max(1, round(fraction * max_counts)), raw=True)

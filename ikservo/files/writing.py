@@ -255,7 +255,7 @@ def strip_checksum(path: Path, text: str) -> str:
         if path.with_name(path.name + BACKUP_SUFFIX).is_file():
             expected = f"{expected}; the previous one is kept as {BACKUP_SUFFIX}"
         raise FileFormatError(
-            path, "", "is damaged: its checksum does not fit its content", expected
+            path, "", "is damaged: its checksum does not match its content", expected
         )
     return body
 

@@ -68,7 +68,7 @@ def overweight_error(joints: Sequence[str]) -> RefusedError:
     """Return the error for joints that do not follow because the arm is too heavy for them."""
     hint = "Switch torque off, fold the arm by hand to shorten its reach, then move again."
     too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
-    found = f"{_not_following(joints)}; motion stopped: {too_weak}"
+    found = f"{_not_following(joints)}; motion stopped because {too_weak}"
     return RefusedError(f"{found} to lift the arm from this posture.", hint)
 
 

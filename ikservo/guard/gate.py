@@ -227,7 +227,7 @@ class Gate:
         # Elapsed time counts for one step only. This form of the comparison also refuses NaN.
         elif not self._passed_s <= now_s <= clock_s:
             raise RefusedError(
-                f"The goals have the time {now_s} s, which is not between that of the last "
+                f"The time of the goals, {now_s} s, is not between that of the last "
                 f"command, {self._passed_s} s, and now, {clock_s} s.",
                 "Nothing was sent.",
             )
@@ -314,7 +314,7 @@ class Gate:
     def _require_row(self, row: Sequence[float | None]) -> None:
         if len(row) != len(self._joints):
             raise RefusedError(
-                f"{len(row)} values do not fit the {len(self._joints)} joints of this arm.",
+                f"{len(row)} values do not match the {len(self._joints)} joints of this arm.",
                 "Nothing was sent.",
             )
 

@@ -148,7 +148,7 @@ class JointGate:
             raise RefusedError(
                 f"Velocity limit: setpoint step of {step} ticks in {shown_ms:.0f} ms for "
                 f"{self._name} (max {max_step}); stopped.",
-                "Setpoints must not move faster than the fastest speed of the arm file.",
+                "Setpoints must not move faster than the highest speed in the arm file.",
             )
         measured, lead = self._recent_tick(now_s), self._max_lead
         if not min(measured - lead, last) <= tick <= max(measured + lead, last):

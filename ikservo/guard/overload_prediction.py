@@ -162,7 +162,7 @@ class OverloadMonitor:
                 joint.bound = near
                 self._news.append(
                     f"The load of {name} was reduced {left_s:.1f} s before the servo would "
-                    f"protect itself: its goal stays close to the joint."
+                    f"protect itself; its goal is kept close to the joint's position."
                 )
             if joint.bound is None:
                 continue
@@ -235,5 +235,5 @@ class OverloadMonitor:
         joint.warned = True
         return [
             f"{name} presses with {100.0 * output:.0f} % of its output; "
-            f"its servo protects itself from overload in {left_s:.1f} s."
+            f"its servo's overload protection acts in {left_s:.1f} s."
         ]

@@ -191,7 +191,9 @@ class HealthMonitor:
         high_v = min(servo_high_v, self._limits.high_v)
         voltage_v = telemetry.voltage_v
         if not low_v <= voltage_v <= high_v:
-            found = f"has a supply of {voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
+            found = (
+                f"has a supply voltage of {voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
+            )
             yield _ThresholdFault(found, "Check the power supply and its cable.")
         yield from self._load_faults(telemetry)
 
@@ -228,8 +230,8 @@ def power_lost_error(
 ) -> ServoAlarmError | ServoSilentError:
     """Return the error for an arm that has lost its power during a motion."""
     if len(silent) == len(joints):
-        found = "has most likely lost its power, has fallen and is limp: no servo answers"
-        hint = "Support it: if only the data cable is loose, it still holds. Then check the power."
+        found = "does not answer; it has most likely lost its power, has fallen and is limp"
+        hint = "Support it, then check the power. If only the data cable is loose, it still holds."
         return ServoSilentError(found, hint, servo="The arm")
     now = "and holds where it is now" if holds else "and is limp"
     found = f"has lost its power, has fallen {now}"
@@ -237,7 +239,7 @@ def power_lost_error(
         verb = "does" if len(silent) == 1 else "do"
         found = f"{found}; {', '.join(silent)} {verb} not answer"
         return ServoSilentError(found, _RESET_HINT, servo="The arm")
-    return ServoAlarmError(f"The arm {found}: every servo was reset.", _RESET_HINT)
+    return ServoAlarmError(f"Every servo was reset: the arm {found}.", _RESET_HINT)
 
 
 def say_what_fell(
@@ -273,5 +275,5 @@ def say_what_fell(
 def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:
     """Return the error for joints whose servos have lost their torque during a motion."""
     were, what = ("was", "joint") if len(joints) == 1 else ("were", "arm")
-    text = f"{', '.join(joints)} {were} reset: torque is off. The {what} is limp and has fallen."
+    text = f"{', '.join(joints)} {were} reset, so torque is off. The {what} is limp and has fallen."
     return ServoAlarmError(text, _RESET_HINT)

@@ -46,7 +46,7 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
         listed = "; ".join(map(str, found))
         verb = "does" if len(silent) == 1 else "do"
         raise ServoSilentError(
-            f"{verb} not answer at {bus.port.baudrate} baud; there is {listed}",
+            f"{verb} not answer at {bus.port.baudrate} baud; found instead: {listed}",
             _format_hint(found, silent, bus.port.baudrate),
             servo=error.servo,
             servo_id=error.servo_id,
@@ -65,7 +65,10 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
     if duplicates:
         names = ", ".join(map(str, duplicates))
         raise BadReplyError(
-            "answers like several servos", DUPLICATE_ID_HINT, servo=names, port=bus.port.name
+            "answers as if it were several servos",
+            DUPLICATE_ID_HINT,
+            servo=names,
+            port=bus.port.name,
         )
 
 

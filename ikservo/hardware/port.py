@@ -212,7 +212,7 @@ class SdkPort:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if isinstance(self.transport, _ForeignTransport):
             return PortError(
-                f"{self.name} was opened before this process was forked, by its parent.",
+                f"{self.name} was opened by the parent process before the fork.",
                 "Open the port in the process that uses it, after the fork.",
             )
         # Systems and pyserial report an unplugged device differently.
@@ -411,6 +411,6 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
         )
     if any(other.arm == own.arm for other in others):
         raise PortError(
-            f"An arm named {own.arm} is open at {port.name}, with other servos.",
+            f"An arm named {own.arm} is open on {port.name} with other servos.",
             "Give each arm on an adapter its own name in arm.toml.",
         )

@@ -161,7 +161,7 @@ class RegisterAccess:
             self.write(servo_id, register, raw, raw=True)
             return
         if lock is None or not self.read(servo_id, lock, raw=True):
-            raise RegisterAccessError(str(servo), register.name, "it would be stored")
+            raise RegisterAccessError(str(servo), register.name, "the EEPROM would store the value")
         data = encode_value(servo, register, raw, raw=True)
         driver = self._requester.driver_of(servo)
         self._requester.request(
@@ -321,7 +321,7 @@ class RegisterAccess:
                 return
             self._refuse_waking(servo, register)
         if abs(goal_tick - measured_tick) > MAX_ENABLING_TICKS:
-            reason = f"{goal_tick} is far from {measured_tick}, where torque is switched on"
+            reason = f"{goal_tick} is too far from {measured_tick}, where torque is switched on"
             raise RegisterAccessError(str(servo), register.name, reason)
 
     @staticmethod

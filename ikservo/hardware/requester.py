@@ -90,14 +90,14 @@ def silence_hint(
     if first and all(servo.id in silent for servo in requested[first:]):
         replying_ids = [servo.id for servo in requested if servo.id in replying]
         return (
-            f"{_describe_silent(silent_ids)}, {_format_ids(replying_ids)} "
-            f"{'answers' if len(replying_ids) == 1 else 'answer'}: "
-            f"check the cable from {_servo_label(requested[first - 1])} "
+            f"{_describe_silent(silent_ids)}; {_format_ids(replying_ids)} "
+            f"{'answers' if len(replying_ids) == 1 else 'answer'}. "
+            f"Check the cable from {_servo_label(requested[first - 1])} "
             f"to {_servo_label(requested[first])}."
         )
     its = "its" if len(silent_ids) == 1 else "their"
     return (
-        f"{_describe_silent(silent_ids)}, the others do. Check {its} connector, id and baud rate."
+        f"{_describe_silent(silent_ids)}; the others do. Check {its} connector, id and baud rate."
     )
 
 

@@ -193,7 +193,7 @@ def line_hint(port_name: str, hint: str) -> str:
     if not is_pseudo_terminal(port_name):
         return hint
     return (
-        "A simulated bus has no plugs: reduce the computer's load, then check the ids and the "
+        "A simulated bus has no plugs. Reduce the computer's load, then check the ids and the "
         "options of the simulator."
     )
 
@@ -252,7 +252,7 @@ def _permission_hint(name: str) -> str:
     with contextlib.suppress(OSError, KeyError):
         group = Path(name).group()
     return (
-        f"Add yourself to its group, then log in again: sudo usermod -aG {group} $USER "
+        f"Add yourself to the port's group, then log in again: sudo usermod -aG {group} $USER "
         '(or a udev rule with TAG+="uaccess").'
     )
 

@@ -28,7 +28,7 @@ def importing_from(distribution: str, module: str) -> Generator[None]:
         others = sorted(found - {distribution})
         remove = f"{pip_command('uninstall --yes')} {' '.join(others)} && " if others else ""
         raise IkservoError(
-            f"The Python module {module} of {distribution} is damaged or replaced"
+            f"The Python module {module} of {distribution} is damaged or was replaced"
             + (f" by {' and '.join(others)}." if others else f": {error}."),
             f"Repair it: {remove}{pip_command('install --force-reinstall')} {distribution}",
         ) from error

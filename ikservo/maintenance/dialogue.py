@@ -229,7 +229,7 @@ class ScriptedAnswers:
             return None
         if not entry:
             raise CalibrationError(
-                "The script ended before the calibration was complete.", "Add: accept"
+                "The script ended before the calibration was complete.", "Add this line: accept"
             )
         raise request.missing
 

@@ -190,7 +190,7 @@ def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
     if moved / motion.travel < _MIN_FOLLOW_FRACTION:
         text = arm.model.joint(motion.joint).joint_map.format
         raise CalibrationError(
-            f"{motion.joint} was commanded to move by {text(motion.travel)} and moved by "
+            f"{motion.joint} was commanded to move by {text(motion.travel)} but moved by "
             f"{text(moved)}.",
             "Check for a loose horn or an obstacle.",
         )
@@ -216,7 +216,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
     lift = plan_lift(arm)
     if lift is not None:
         yield Notice(
-            f"The arm rests on something: {lift.joint} moves {lift.direction} and stays there."
+            f"The arm rests on something, so {lift.joint} moves {lift.direction} and stays there."
         )
         execute_lift(arm, lift)
         yield from _confirm_direction(arm, lift, searching=False)
@@ -256,14 +256,15 @@ def _make_room(arm: Arm, name: str, *, searching: bool) -> Dialogue[None]:
         if motion is None:
             break
         yield Notice(
-            f"{motion.joint} moves {motion.direction}, and stays there: it is in the way of {name}."
+            f"{motion.joint} moves {motion.direction}, and stays there, because it is in "
+            f"the way of {name}."
         )
         execute_lift(arm, motion)
         yield from _confirm_direction(arm, motion, searching=searching)
     if searching and check_clearance_m(arm, name) < 0.0:
         raise RefusedError(
             f"{name} cannot move by 5° without a collision; torque stays on.",
-            "Nothing was saved. Begin in a pose with more room: "
+            "Nothing was saved. Start from a pose with more room: "
             f"ikservo calibrate {arm.model.name} --auto --pose home",
         )
 
@@ -273,8 +274,8 @@ def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> 
     if (yield Question(question, Unasked.YES)) != ACCEPT:
         by_hand = f"ikservo calibrate {arm.model.name}"
         raise CalibrationError(
-            f"{motion.joint} does not move as in the arm file; torque stays on.",
-            f"Calibrate it by hand, which finds signs: {by_hand}"
+            f"{motion.joint} does not move as the arm file says; torque stays on.",
+            f"Calibrate it by hand, which also finds its sign: {by_hand}"
             if searching
             else "If another joint moved: check the ids in the arm file. If the joint went the "
             f"other way: {by_hand} --joint {motion.joint}",

@@ -185,7 +185,7 @@ def _read_tree(path: Path, arm: ArmFile) -> Urdf:
     urdf = read_description(arm.urdf_path, path.parent)
     for link in urdf.links:
         if any(isinstance(shape, Mesh) for shape in link.collisions or link.visuals):
-            found = f"link {link.name} has meshes for contact"
+            found = f"link {link.name} has meshes as contact shapes"
             expected = f"boxes, cylinders and spheres; convert it: {import_command(arm.urdf_path)}"
             raise FileFormatError(arm.urdf_path, f"line {link.line}", found, expected)
     own = {

@@ -164,7 +164,7 @@ class _SceneSphere(_CenteredThing):
 
 class _SceneHalfSpace(_Thing):
     point_m: Triple = Field(
-        description="a point [x, y, z] of its surface, in metres, at most ±1000"
+        description="a point [x, y, z] on its surface, in metres, at most ±1000"
     )
     normal: Triple = Field(description="the direction [x, y, z] of its free side, at most ±1000")
 
@@ -236,7 +236,7 @@ def read_scene_with_arms(
 def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
     if arms:
         raise RefusedError(
-            f"{path} has another arm, {arms[0].name}, which is not open here.",
+            f"{path} has another arm, {arms[0].name}, which is not open in this program.",
             "Open both arms: on one page with ikservo view, or in a program with "
             "arm.scene.add_arm.",
         )

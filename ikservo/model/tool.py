@@ -131,7 +131,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
         sense = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
         return f"{sense}, seen along the tool"
     along = int(np.argmax(np.abs(speed)))
-    return f"so that the tool goes {_DIRECTIONS[along][0 if speed[along] > 0 else 1]}"
+    return f"so that the tool moves {_DIRECTIONS[along][0 if speed[along] > 0 else 1]}"
 
 
 def view_axes(model: Model) -> Vector:

@@ -323,7 +323,7 @@ def lint_urdf(
     shapes = [shape for link in links for shape in (*link.collisions, *link.visuals)]
     outside = [shape for shape in shapes if isinstance(shape, Mesh) and shape.path is None]
     if outside:
-        first = f"{len(outside)}, first {quote(outside[0].filename)}"
+        first = f"{len(outside)} in all, the first is {quote(outside[0].filename)}"
         found.append(f"meshes outside the model's folder cannot be used: {first}")
     return tuple(found)
 

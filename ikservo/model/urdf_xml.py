@@ -104,7 +104,7 @@ class XmlElement:
             raise self.error(f"<{self.tag}> has {attribute}={quote(text)}", expected)
         if max(map(abs, numbers)) > most:
             raise self.error(
-                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers between ±{most:g}"
+                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers within ±{most:g}"
             )
         return numbers
 

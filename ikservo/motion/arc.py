@@ -88,8 +88,8 @@ def arc_through_points(
     if math.sqrt(area2) < _MIN_HEIGHT_M * longest:
         raise BadValueError(
             "The via point of the arc",
-            f"{format_point(via)}, on one line with start {format_point(start_m)} "
-            f"and end {format_point(end)}",
+            f"{format_point(via)}, on one line with the start {format_point(start_m)} "
+            f"and the end {format_point(end)}",
             "a point off that line, or a straight line to the end",
         )
     out = (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * area2)
@@ -131,7 +131,7 @@ def arc_about_axis(
     if radius_m < _MIN_RADIUS_M:
         raise BadValueError(
             "The radius of the circle",
-            f"{1000.0 * radius_m:.2f} mm: the tip is on its axis",
+            f"{1000.0 * radius_m:.2f} mm, because the tip is on its axis",
             "a centre away from the tip",
         )
     return ArcPath(center, start_m, axis, angle_rad)

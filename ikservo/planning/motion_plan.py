@@ -321,7 +321,7 @@ def clamp_positions(
             if goes_to != asked:  # otherwise it is rounding
                 limit = driven.limits.upper if requested > inside else driven.limits.lower
                 why = f"its limit is {joint_map.format(limit.value)} ({limit.source})"
-                changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}: {why}")
+                changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}, because {why}")
     return PoseWithinLimits(clamped, tuple(changed))
 
 

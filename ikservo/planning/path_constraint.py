@@ -243,11 +243,11 @@ def _limits_of(
         inside = np.minimum(_INSIDE_M, _INSIDE_FRACTION * (high - low))
         for axis, side in enumerate(np.eye(3)):
             for corner, outward in ((low, -side), (high, side)):
-                yield _ToolLimit("box it stays in", "mm", 0.0, float(inside[axis]), outward, corner)
+                yield _ToolLimit("allowed box", "mm", 0.0, float(inside[axis]), outward, corner)
     if constraint.above_m is not None:
         normal = np.array(constraint.normal) / np.linalg.norm(np.array(constraint.normal))
         point = np.array(constraint.above_m)
-        yield _ToolLimit("half-space it stays in", "mm", 0.0, _INSIDE_M, -normal, point)
+        yield _ToolLimit("allowed half-space", "mm", 0.0, _INSIDE_M, -normal, point)
 
 
 def _rates(chain: Chain) -> tuple[Vector, Vector]:

@@ -488,7 +488,7 @@ class Planner:
                 return follow(loaded)
             except CartesianPathError as found:
                 error = found
-        cause = "a joint that holds the arm's weight stays short of its limit"
+        cause = "a joint that holds the arm's weight cannot go right up to its limit"
         binding = [*error.binding, cause]
         raise CartesianPathError(
             error.along_m, error.target_m, error.nearest_m, binding, error.shape

@@ -304,7 +304,7 @@ class PreflightPlanner:
             was_typed = goal == round(goal, 3)  # 900° of a program file are 15.70796… rad
             if turned and was_typed and lower <= radians(goal) <= upper:
                 meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
-                return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
+                return f"Positions are in radians. Did you mean {goal:g} degrees? Give {meant}."
         return ""
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
@@ -469,7 +469,7 @@ class PreflightPlanner:
                 plan = self._check_clear(request, tried)
                 if not isinstance(motion, MoveTo | MoveJoints):
                     to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
-                    blocked.command_hint += f" The joints can go around it: ikservo move {to}."
+                    blocked.command_hint += f" A joint motion can go around it: ikservo move {to}."
                     return
                 for point in points:
                     if np.allclose(point.joints, plan.goal):
@@ -482,7 +482,7 @@ class PreflightPlanner:
             return
         load_factor = self._planner.dynamic_load_factor(request.allowed)
         if all(request.arm.is_in_contact(goal, load_factor, 0.0) for goal in goals):
-            blocked.command_hint += " The arm would touch something in each posture at the goal."
+            blocked.command_hint += " The arm would touch something in every posture at the target."
         else:
             blocked.command_hint += f" A search of {spent_s:.1g} s found no path around it."
 

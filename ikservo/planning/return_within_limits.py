@@ -28,8 +28,8 @@ def plan_return(context: ArmContext, start: Vector) -> Trajectory:
     turned_rad = np.abs(goal - start) / context.units_per_rad()
     outside = f"{context.servos.names[int(turned_rad.argmax())]} is outside its limits"
     if turned_rad.max() > _MAX_RETURN_RAD:
-        far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° of its servo"
-        most = f"at most {math.degrees(_MAX_RETURN_RAD):.0f}° are moved back without a request"
+        far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° at its servo"
+        most = f"without a request, it moves back by at most {math.degrees(_MAX_RETURN_RAD):.0f}°"
         raise RefusedError(f"{far}; {most}.", _HINT)
     try:
         if turned_rad.max() > 0.0:

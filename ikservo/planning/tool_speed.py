@@ -61,7 +61,7 @@ class ToolSpeed:
             return f"{requested}, constant except for the ramps at both ends"
         why = f" ({', '.join(self.limited_by)})" if self.limited_by else ""
         if self.top_m_s < (1.0 - _SAME) * self.requested_m_s:
-            return f"not {requested}: {top} at most{why}"
+            return f"at most {top} instead of {requested}{why}"
         return f"{requested}, but only {slowest} at the slowest point of the path{why}"
 
 

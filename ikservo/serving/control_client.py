@@ -238,7 +238,7 @@ def _exchange_lines(connection: socket.socket, request: Request, timeout_s: floa
         connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
         piece = connection.recv(MAX_REPLY_BYTES + 1 - len(reply))
         if not piece:
-            raise ConnectionError("it has too many callers, or has just ended")
+            raise ConnectionError("it has too many connections, or has just ended")
         reply += piece
     return reply
 

@@ -162,12 +162,12 @@ class ArmLease:
             if not self.is_held_by(lease):
                 raise LeaseLostError
             if number <= self._request_number:
-                raise RefusedError("A request was repeated by the network.", "Nothing was sent.")
+                raise RefusedError("The network repeated a request.", "The arm ignored it.")
             if not self._is_fresh(sent_s):
                 late_s = self._clock.now_s() - sent_s
                 raise RefusedError(
                     f"A request arrived {late_s:.1f} s after it was sent.",
-                    "Nothing was sent. The network delays messages; try again.",
+                    "The arm ignored it. The network is slow; try again.",
                 )
             self._request_number, self._received_s = number, self._clock.now_s()
 

@@ -6,7 +6,8 @@ the direction with the larger range, twice, and then sweep all joints. They star
 torque of a joint is switched off, and when a host transmits after a silence: a calibrating program
 then finds the arm at rest in its pose.
 
-The hand of a set-up plugs in new servos, one after another, and at last all together.
+The hand of a set-up plugs in new servos, one after another, and at last all together; then it
+follows a calibration.
 """
 
 from __future__ import annotations
@@ -157,14 +158,15 @@ class NewServos:
 
     All have factory settings and are unplugged at first; the first one was used before and has
     another id. A servo is unplugged once it has the id and the rate that it had in the arm and no
-    more values are written to it. After the last one, the hand plugs in all of them.
+    more values are written to it. After the last one, the hand plugs in all of them, and follows a
+    calibration.
 
     Args:
-        world: The world.
+        line: The line of the servos.
     """
 
-    def __init__(self, world: World) -> None:
-        self._world, self._servos = world, list(world.servos)
+    def __init__(self, line: Line) -> None:
+        self._line, self._world, self._servos = line, line.world, list(line.world.servos)
         self._wanted = [(servo.id, servo.baud) for servo in self._servos]
         for servo in self._servos:
             servo.factory_reset(())
@@ -186,16 +188,18 @@ class NewServos:
         elif (servo.id, servo.baud) == self._wanted[
             self._done
         ] and now_s - self._changed_s > SETTLED_S:
-            servo.power_down()
             self._done, self._plug_s = self._done + 1, now_s + PLUG_S
+            if self._done < len(self._servos):
+                servo.power_down()
         if self._done < len(self._servos):
             self._world.schedule(now_s + POLL_PERIOD_S, self._poll_servo)
         else:
-            self._world.schedule(self._plug_s, self._plug_in_all)
+            self._plug_in_all()
 
     def _plug_in_all(self) -> None:
         for servo in self._servos:
             servo.power_up()
+        self._line.witnesses.append(CalibrationHands(self._world))
 
 
 def _sweep_path(position: float, lower: float, upper: float) -> Path:
@@ -240,6 +244,6 @@ def add_hands(line: Line, kind: str) -> None:
     if kind == "calibrate":
         line.witnesses.append(CalibrationHands(line.world))
     elif kind == "setup":
-        NewServos(line.world)
+        NewServos(line)
     else:
         RangeSweep(line.world)

@@ -218,7 +218,7 @@ def test_path_search_refusal_reports_its_search_time(monkeypatch, beside_post):
 def test_refusal_of_a_search_that_ended_early_tells_its_reason(monkeypatch, beside_post):
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to((0.22, 0.0, 0.1))
-    assert "something in each posture at the goal" in refused.value.command_hint
+    assert "something in every posture at the target" in refused.value.command_hint
     monkeypatch.setattr(WaySearch, "find", lambda search, *_: setattr(search, "has_ended", True))
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT)

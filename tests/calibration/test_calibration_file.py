@@ -98,7 +98,7 @@ def test_calibration_file_cut_at_any_length_is_refused(path):
     text = path.read_text()
     for length in range(0, len(text) - 1, 37):
         assert refusal(path, text[:length]).found in (
-            "is damaged: its checksum does not fit its content", "is empty", "is not a checksum",
+            "is damaged: its checksum does not match its content", "is empty", "is not a checksum",
         )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ NESTED = LINE + "".join(
     f'<g id="a{i}">{f"""<use href="#a{i - 1}"/>""" * 10}</g>' for i in range(1, 9)
 )
 DRAWINGS = {
-    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, counted at each use"),
+    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, counting repeated parts each time"),
     "a circular use": (
         '<g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g>',
         "contains itself",
@@ -191,8 +191,8 @@ def doubled(depth):
 
 
 SCENES = {
-    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counted at each use"),
-    "without a surface": (("", doubled(30), shown("n29")), "counted at each use"),
+    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counting repeated parts each time"),
+    "without a surface": (("", doubled(30), shown("n29")), "counting repeated parts each time"),
     "in a circle": (
         (ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")),
         "contains itself",

@@ -57,7 +57,8 @@ def test_torque_stays_off_at_wrong_supply_voltage(feetech, line):
     line.expect(VOLTAGE, "FF FF 01 03 00 C8 33").expect(LOWEST, LOWEST_4)
     line.expect(HIGHEST, HIGHEST_14)
     with pytest.raises(
-        ServoAlarmError, match=r"has a supply of 20\.0 V; its own limits are 4\.0 to 14\.0 V"
+        ServoAlarmError,
+        match=r"has a supply voltage of 20\.0 V; its own limits are 4\.0 to 14\.0 V",
     ):
         torque_on(feetech, 1)
 

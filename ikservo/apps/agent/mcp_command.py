@@ -53,7 +53,7 @@ HttpPort = Annotated[
     ),
 ]
 Listen = Annotated[
-    str, typer.Option("--listen", help="IP address of --http-port; default: this machine only.")
+    str, typer.Option("--listen", help="IP address for --http-port; default: this machine only.")
 ]
 
 

@@ -247,7 +247,7 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
     ]
     found = [f"the other is at {text(at)}" for at, _ in ends if isinstance(at, float)]
     kept = "the limit of the arm file is" if found else "both limits of the arm file are"
-    missing = f"cannot search {', nor '.join(reasons)}; {kept} used there"
+    missing = f"cannot search {', nor '.join(reasons)}; {kept} used instead"
     return "; ".join([missing, *found]) + "."
 
 

@@ -226,7 +226,7 @@ class PosturePlanner:
                     return path
         distance_m, pair = nearest
         if distance_m >= 0.0:
-            raise RefusedError("no free path was found to a posture that leaves room for it")
+            raise RefusedError("no free path was found to a posture with room to search")
         raise RefusedError(f"{pair} by {-distance_m * 1e3:.0f} mm in the best posture found")
 
     def find_path(self, present: Vector, goal: Vector) -> list[Vector] | None:

@@ -88,7 +88,7 @@ def _offer_measured_joints(limp_arm: TorqueOffArm) -> Dialogue[MeasuredRanges]:
     if not measured.travels:
         return measured
     yield Notice(
-        f"An interrupted run of {measured.written} measured {', '.join(measured.travels)}."
+        f"An interrupted run from {measured.written} measured {', '.join(measured.travels)}."
     )
     if (
         yield Question("Use these results, and measure only the other joints?", Unasked.YES)

@@ -50,7 +50,9 @@ OnlyJoint = Annotated[
 OwnLimit = Annotated[
     list[str] | None,
     typer.Option(
-        "--limit", metavar="JOINT=LOW:HIGH", help="Narrower range of your choice for a joint."
+        "--limit",
+        metavar="JOINT=LOW:HIGH",
+        help="Range of a joint, narrower than the measured one.",
     ),
 ]
 WriteLimits = Annotated[
@@ -129,7 +131,9 @@ def command(
                 "--from-pictures cannot be given with other camera options.", "Leave those out."
             )
         if auto or touch or wiggle or joint:
-            raise InputError("--from-pictures moves nothing.", "Leave out the other procedures.")
+            raise InputError(
+                "--from-pictures does not move the arm.", "Leave out the other procedures."
+            )
         model = model_from_option(connection.arm)
         operator = answers.operator(read_script)
         from_pictures = find_part("calibrate --from-pictures")

@@ -275,7 +275,10 @@ def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str
         if len(state.subjects) < len(model.joints):
             positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in state.subjects]
             what = f'Put {", ".join(positions)} (pose "{pose}")'
-        return 1, f"{what}. {'It is still: continue.' if state.is_at_rest else 'Hold it still …'}"
+        return (
+            1,
+            f"{what}. {'The arm is still; continue.' if state.is_at_rest else 'Hold it still …'}",
+        )
     if state.current_joint:
         names = [subject.name for subject in state.subjects]
         number = names.index(state.current_joint.name) + 2
@@ -420,11 +423,11 @@ def _replaced_lines(path: Path, calibration: Calibration) -> Iterator[str]:
     try:
         old = load_calibration_file(path, calibration.arm)
     except FileFormatError as error:
-        yield f"It replaces {path}, which is damaged: {error.where} {error.found}."
+        yield f"This replaces {path}, which is damaged: {error.where} {error.found}."
         return
     if old is None:
         return
     changed = list(difference_lines(calibration, old))
     end = ":" if changed else ", whose zeros, signs and ranges are the same."
-    yield f"It replaces the calibration of {old.written:%Y-%m-%d}{end}"
+    yield f"This replaces the calibration from {old.written:%Y-%m-%d}{end}"
     yield from (f"  {line}" for line in changed)

@@ -252,7 +252,9 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
     calibration = load_calibration(name, loose.serial_number)
     if calibration is None:
         others = calibrations_of(name)
-        adopt = f" Or adopt the calibration of another adapter: ikservo calibration adopt {name}"
+        adopt = (
+            f" Or adopt the calibration made with another adapter: ikservo calibration adopt {name}"
+        )
         raise CalibrationError(
             f"{name} is not calibrated: there is no {loose.path}.",
             f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
@@ -270,8 +272,8 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
     for name, camera in before.cameras_by_name.items():
         named = f" --camera-name {name}" if name else ""
         yield (
-            f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
-            f"lost with them. Calibrate it again: ikservo calibrate {before.arm} "
+            f"The camera calibration from {camera.seen:%Y-%m-%d} used the old zeros and is "
+            f"lost with them. Calibrate the camera again: ikservo calibrate {before.arm} "
             f"--camera {public_source(camera.source)}{named}"
         )
 
@@ -385,7 +387,7 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
         raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
     reasons = " ".join(f"{p}: {reason}" for p, reason in mismatches.items())
     raise CalibrationError(
-        f"No calibration of another adapter fits this arm. {reasons}".rstrip(),
+        f"No calibration made with another adapter fits this arm. {reasons}".rstrip(),
         f"Calibrate it: ikservo calibrate {loose.model.name}",
     )
 

@@ -274,7 +274,7 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(
-            "The line of sight does not meet the table there.",
+            "The pixel's line of sight does not meet the table.",
             "Choose a pixel that shows the table.",
         )
     return SeenPoint(ray.at(distance_m), name)
@@ -284,7 +284,7 @@ def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> Calibrati
     """Return the error for pictures whose size differs from that in the calibration."""
     seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
     return CalibrationError(
-        f"The pictures are {seen}; the camera was calibrated with {known}.",
+        f"The pictures have {seen} pixels; the camera was calibrated with {known}.",
         "Use the camera that was calibrated.",
     )
 

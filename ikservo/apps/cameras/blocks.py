@@ -74,7 +74,7 @@ def find_block_at(
     ray, blocks = model.ray(u, v), find_blocks(model, picture, table_m)
     nearest = min(blocks, key=lambda each: ray.distance_to_thing_m(each.row), default=None)
     if nearest is None or not math.isfinite(ray.distance_to_thing_m(nearest.row)):
-        raise InputError("No coloured block stands there.", "Choose the middle of a block.")
+        raise InputError("The pixel shows no coloured block.", "Choose the middle of a block.")
     return nearest
 
 

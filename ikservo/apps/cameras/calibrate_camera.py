@@ -66,9 +66,9 @@ def calibrate_by_camera(
             "middle of its picture. "
             + (
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
-                "second in about as many postures as pictures are asked for."
+                "second in many postures, about one for each picture requested."
                 if options.by_hand
-                else "The arm will then show the board from everywhere within reach."
+                else "The arm will then show the board to the camera from all over its reach."
             )
         )
         if not operator.agrees(Question("Begin?", Unasked.ERROR)):
@@ -168,7 +168,7 @@ def _tell_and_save(
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
             print_status(
-                "The board faces the camera in the start pose: check the camera with this --port."
+                "In the start pose the board faces the camera: check it with the same --port."
             )
         else:
             undo = f"ikservo calibration undo {before.model.name}"

@@ -116,7 +116,9 @@ class HandCalibration:
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""
-        self._report(f"picture {len(self._pictures)} of {self._count}: move on")
+        self._report(
+            f"picture {len(self._pictures)} of {self._count} taken: move the arm to another posture"
+        )
         return True
 
     def _limp_joints(self) -> Vector:

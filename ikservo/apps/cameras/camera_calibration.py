@@ -179,8 +179,8 @@ class BoardPictures:
         """
         if self.views and view.size != self.views[0].size:
             now, first = ("{} x {}".format(*each.size) for each in (view, self.views[0]))
-            hint = "Restore the camera's setting, or start again."
-            raise PictureError(f"The picture is {now}, but the first one was {first}.", hint)
+            hint = "Restore the camera's resolution, or start again."
+            raise PictureError(f"The picture has {now} pixels, the first one had {first}.", hint)
         if self._folder is not None:
             self._folder.add(picture, q)
         self.views.append(view)

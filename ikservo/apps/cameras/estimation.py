@@ -253,7 +253,7 @@ class CameraFit:
         moved = ["rad/N m" if each == "rad" else "m/N" for each in unit]
         named = [
             (f"{name} {what}", units[i])
-            for what, units in (("zero", unit), ("compliance", moved), ("half play", unit))
+            for what, units in (("zero", unit), ("compliance", moved), ("half backlash", unit))
             for i, name in enumerate(chain.names)
         ]
         return tuple(

@@ -44,7 +44,7 @@ Camera = Annotated[
         help="The camera, as in its calibration: a number, a device or an address.",
     ),
 ]
-Move = Annotated[bool, typer.Option("--move", help="Move the tip there.")]
+Move = Annotated[bool, typer.Option("--move", help="Move the tip to that point.")]
 
 
 def command(

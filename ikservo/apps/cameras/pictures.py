@@ -71,7 +71,8 @@ class LiveCamera:
             if self._file:
                 raise InputError(f"{self._file} is not {_READABLE}.")
             raise InputError(
-                f"There is no camera {self._name}.", "Is it plugged in, and not in use?"
+                f"There is no camera {self._name}.",
+                "Is it plugged in, and not used by another program?",
             )
 
     def take(self) -> Picture:
@@ -176,7 +177,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
         raise PictureError("The picture is mirrored.", "Switch mirroring off in the camera.")
     if markers and not len(ids):
         raise PictureError(
-            f"The picture shows too little of the board, or another board than {board.name}.",
+            f"The picture shows too little of the board, or a board other than {board.name}.",
             "Give the name of the board that you printed.",
         )
     contrast = float(grey.std())

@@ -33,8 +33,8 @@ Joint = Annotated[
     typer.Option(
         "--joint",
         metavar="NAME=AXIS:METRES",
-        help="Without --from: a joint, base to tip; its axis (z, y, x) while the arm stands "
-        "upright, and the length to the next one. Repeatable.",
+        help="Without --from: one joint. AXIS is x, y or z with the arm upright, METRES the "
+        "distance to the next joint. Repeat it for each joint, from base to tip.",
     ),
 ]
 Tip = Annotated[
@@ -72,7 +72,7 @@ ServoOf = Annotated[
 ServoModel = Annotated[
     str | None,
     typer.Option(
-        "--servo-model", metavar="MODEL", help="Servo model, for servos whose --servo gives none."
+        "--servo-model", metavar="MODEL", help="Servo model, for servos without a model in --servo."
     ),
 ]
 JointLimits = Annotated[
@@ -110,7 +110,9 @@ NewPort = Annotated[
         help="Find the servos on this port; those without --servo move a little.",
     ),
 ]
-Folder = Annotated[Path, typer.Option("--folder", help="Folder in which to make the arm's folder.")]
+Folder = Annotated[
+    Path, typer.Option("--folder", help="Folder that will contain the arm's folder.")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 

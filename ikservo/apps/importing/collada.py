@@ -26,7 +26,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
     elements, chars = _SceneSize(path, place, root).sum_up()
     if elements > max_elements or chars > _MAX_CHARS:
         found = f"it has {elements:,} triangles and elements in {chars:,} characters"
-        expected = f"at most {max_elements:,}, counted at each use"
+        expected = f"at most {max_elements:,}, counting repeated parts each time"
         raise FileFormatError(path, place, found, f"{expected}; simplify the mesh")
 
 

@@ -42,7 +42,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     place, suffix = f"mesh of link {link}", path.suffix.lower()
     if suffix not in _FORMATS:
         expected = f"one of {', '.join(_FORMATS)}"
-        raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
+        raise FileFormatError(path, place, f"its format is {suffix or 'unknown'}", expected)
     if len(data) > _MAX_BYTES:
         raise FileFormatError(
             path, place, "the file is larger than 32 MiB", "a simpler collision mesh"
@@ -161,7 +161,7 @@ def mesh_triangles(link: str, mesh: Mesh) -> Triangles:
     """
     place = f"mesh of link {link}"
     if mesh.path is None:
-        expected = "a file in the model's own folder, as relative path, package:// or file://"
+        expected = "a file in the model's own folder, as a relative path, package:// or file://"
         raise FileFormatError(mesh.filename, place, "it is outside the model's folder", expected)
     if not mesh.path.is_file():
         expected = "the mesh, or <collision> shapes of boxes, cylinders and spheres"

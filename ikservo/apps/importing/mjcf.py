@@ -113,7 +113,10 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
     text = read_text(path, _MAX_BYTES)
     if _BROKEN_NAME.search(text):  # MuJoCo keeps these characters; XML readers make them blanks
         raise FileFormatError(
-            path, "", "has a tab or a line break in a file's name", "a name without these"
+            path,
+            "",
+            "has a tab or a line break in a file's name",
+            "names without tabs and line breaks",
         )
     root = parse_xml(path, text)
     for element in _all_elements(root):
@@ -144,7 +147,9 @@ def _check_element(element: XmlElement) -> None:
     """Refuse elements that multiply bodies or load other models, and ranges that are reversed."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
-        raise element.error(f"<{element.tag}> cannot be used", "each body written out")
+        raise element.error(
+            f"<{element.tag}> cannot be used", "a file in which each body is written out"
+        )
     for key in ("range", "actuatorfrcrange") if element.tag == "joint" else ():
         if key in attributes and attributes.get(_SWITCHES[key]) != "false":
             lower, upper = element.pair(key, most=math.inf)
@@ -184,7 +189,7 @@ def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -
             return found
     raise element.error(
         f"<{element.tag}> names {quote(name)}, outside the model's folder",
-        "a file under it; or name a folder that has all of them: --from FOLDER --file NAME",
+        "a file inside it; or give a folder that contains all files: --from FOLDER --file NAME",
     )
 
 
@@ -255,7 +260,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
         mujoco: Any = importlib.import_module("mujoco")  # it has no types
     except ImportError:
         raise InputError(
-            f"{path} is an MJCF; reading it needs mujoco, which is not installed.",
+            f"{path} is an MJCF file; reading it needs mujoco, which is not installed.",
             f"Install it: {install_command('physics')}",
         ) from None
     try:
@@ -355,7 +360,9 @@ class _BodyTreeReader:
         name = model.joint(joint).name or f"joint_{joint}"
         kind, axis = kinds(int(model.jnt_type[joint])), np.array(model.jnt_axis[joint])
         if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
-            raise FileFormatError(self._path, f"joint {name}", "is a ball", "a hinge or slide")
+            raise FileFormatError(
+                self._path, f"joint {name}", "is a ball joint", "a hinge or slide"
+            )
         slides, limited = kind == kinds.mjJNT_SLIDE, bool(model.jnt_limited[joint])
         zero = float(model.qpos0[model.jnt_qposadr[joint]])
         T = T @ (

@@ -102,8 +102,8 @@ def _check_servos(
         )
     families = {each.table.family.value for each in found if each.table}
     if len(families) > 1:
-        raise InputError(f"The servos are of several families: {', '.join(sorted(families))}.",
-                         "All servos of an arm must be of one family.")  # fmt: skip
+        raise InputError(f"The servos belong to several families: {', '.join(sorted(families))}.",
+                         "All servos of an arm must belong to one family.")  # fmt: skip
     if len(found) < len(joints):
         raise InputError(
             f"{len(found)} servos reply, but the arm has {len(joints)} joints: "
@@ -114,7 +114,9 @@ def _check_servos(
     for joint, servos in given.items():
         for servo in servos:
             if servo.id not in ids:
-                raise ServoSilentError(f"The servo {servo.id} of {joint} does not reply.", _OPTION)
+                raise ServoSilentError(
+                    f"Servo {servo.id} of {joint} does not reply.", f"Check: {_OPTION}"
+                )
 
 
 def _ask_about(
@@ -192,4 +194,4 @@ def _set_servos(
         draft.supply_v = 12.0 if voltages and voltages[0] > 9.5 else usual_v
     else:
         draft.supply_v = None
-    draft.decisions.append("Each servo on the bus was assigned by its motion, or as given.")
+    draft.decisions.append("Each servo on the bus was assigned by its motion, or by --servo.")

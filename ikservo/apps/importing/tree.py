@@ -82,7 +82,7 @@ def find_structures(
         return [_structure(urdf, urdf.link(tip).name, gripper) for tip in tips]
     found = _possible_arms(urdf, gripper)
     if not found:
-        raise InputError("No joint of the description moves.", "An arm needs at least one.")
+        raise InputError("The description has no movable joint.", "An arm needs at least one.")
     if len(found) > 1:
         named = " ".join(f"--tip {each.tip}" for each in found)
         raise InputError(

@@ -151,11 +151,11 @@ def statements(fields: Fields) -> list[str]:
         edge_m = fields["cube"]["edge_m"]
         if edge_m < 0.25:
             found.append(
-                f"The edge of the cube is {1000 * edge_m:.0f} mm, the largest that is free; "
+                f"The edge of the cube is {1000 * edge_m:.0f} mm, the largest that fits; "
                 "the smallest in the standard is 250 mm."
             )
     if fields["simulated"]:
-        found.append("A simulated arm.")
+        found.append("The arm was simulated.")
     if fields["stopped"]:
         found.append(f"Not complete: {fields['stopped']}")
     return found
@@ -206,7 +206,7 @@ def accuracy_page(fields: Fields) -> str:
 _LEGEND = (
     "AP: distance of the mean attained point from the commanded one. RP: mean distance from that "
     "mean plus three standard deviations. vAP: largest distance between the means of approaches "
-    "from different directions. AT, RT: the same as AP and RP, largest along a path. dAP, dRP: "
+    "from different directions. AT, RT: largest AP and RP of points along a path. dAP, dRP: "
     "largest change of AP and RP over time. All to ISO 9283:1998, positions only."
 )
 _STYLE = """
@@ -245,7 +245,7 @@ def _facts(fields: Fields) -> dict[str, str]:
     }
     if fields["cube"] is not None:
         center = ", ".join(f"{x:.3f}" for x in fields["cube"]["center_m"])
-        facts["Cube"] = f"{1000 * fields['cube']['edge_m']:.0f} mm about ({center}) m"
+        facts["Cube"] = f"{1000 * fields['cube']['edge_m']:.0f} mm, centred at ({center}) m"
     if fields["top_speed_m_s"]:
         facts["100 % speed"] = (
             f"{1000 * fields['top_speed_m_s']:.0f} mm/s, as fast as the joints allow"
@@ -260,7 +260,7 @@ def _headline(fields: Fields) -> str:
     boxes = {
         "pose accuracy AP, worst": [pose["ap_m"] for pose in fields["poses"]],
         "pose repeatability RP, worst": [pose["rp_m"] for pose in fields["poses"]],
-        "from any direction vAP, worst": [each["vap_m"] for each in fields["directions"]],
+        "multi-directional variation vAP, worst": [each["vap_m"] for each in fields["directions"]],
         "path accuracy AT, worst": [path["at_m"] for path in paths],
         "path repeatability RT, worst": [path["rt_m"] for path in paths],
         "drift dAP": [fields["drift"]["dap_m"]] if fields["drift"] else [],
@@ -306,7 +306,7 @@ def _pose_plots(fields: Fields) -> Iterable[str]:
     reach = _round_up(max((float(np.abs(off).max()) for off in off_mm), default=0.0))
     for pose, off in zip(fields["poses"], off_mm, strict=True):
         # The attained points around their target, from above and from the side.
-        text = f"{pose['name']}: attained points about {about}"
+        text = f"{pose['name']}: attained points around {about}"
         above = _scatter(0, ("x", "y"), off[:, [0, 1]], reach)
         side = _scatter(170, ("x", "z"), off[:, [0, 2]], reach)
         yield _figure(above + side, f"{text}, from above and from the side", 172)

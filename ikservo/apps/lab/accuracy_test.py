@@ -67,7 +67,7 @@ class TestSettings:
                 raise BadValueError(f"The number of {what}", count, "a number from 2 to 1000")
         if not 0.0 < self.drift_s < math.inf:
             raise BadValueError(
-                "The time of the drift test", f"{self.drift_s:g} s", "more than 0 s"
+                "The duration of the drift test", f"{self.drift_s:g} s", "more than 0 s"
             )
         for part in self.parts:
             if part not in PARTS:

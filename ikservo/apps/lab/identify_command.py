@@ -132,7 +132,7 @@ def record_tour(run: IdentificationRun) -> DriveRecording:
 
 def _print_report(found: Identification, carried: dict[str, str], path: Path | None) -> None:
     print_table(
-        ["joint", "stiffness", "friction", "of load", "backlash", "mass"],
+        ["joint", "stiffness", "friction", "load friction", "backlash", "mass"],
         [_row(found, name, carried[name]) for name in found.joints],
     )
     print_lines(

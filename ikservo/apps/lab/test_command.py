@@ -144,7 +144,7 @@ def command(
         test = AccuracyTest(machine, settings)
         print_status(
             f"{machine.model.title} on {format_port(machine.port_name)}: it moves fast in a cube "
-            f"of {1000 * test.cube.edge_m:.0f} mm about {format_point(test.cube.center_m)}."
+            f"of {1000 * test.cube.edge_m:.0f} mm, centred at {format_point(test.cube.center_m)}."
         )
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)

@@ -44,10 +44,10 @@ from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 
 _ORBIT_RAD_PX = 0.008
-_AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
+_AWAY_TEXT = "Stopped: the page in control was hidden, closed or replaced."
 _HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new target
 _MAX_SILENCE_S = 2.5  # of the page, while it offers a grasp
-_GO_LIVE_TEXT = "The arm does not follow. The last goal was dropped."
+_GO_LIVE_TEXT = "The arm no longer follows. The last goal was dropped."
 
 Handler = Callable[[Any, Client], None]
 """Handler for one type of message."""
@@ -266,7 +266,7 @@ class SessionController:
         recording = history.last_stop if message.stopped else history.since(-math.inf)
         if recording is None:
             raise BadMessageError(
-                "Nothing has stopped the arm yet.", "Save the present data instead."
+                "Nothing has stopped the arm yet.", "Save the recent history instead."
             )
         name = f"{self._arm.model.name}-{'stop' if message.stopped else 'history'}.csv"
         url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
@@ -362,7 +362,7 @@ class SessionController:
         """Switch a servo's torque, and drop the goal, because it started from the old position."""
         self._require_ready()
         if self._arm_thread.command.live:
-            raise BadMessageError("Torque stays on in Live.", "Switch Live off first.")
+            raise BadMessageError("Torque stays on while Live is on.", "Switch Live off first.")
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
@@ -387,7 +387,7 @@ class SessionController:
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm or click a point first.")
         if path is None or path.number != message.path:
-            raise BadMessageError("The path to that target is not shown yet.", "Nothing moves.")
+            raise BadMessageError("The path to that target is not shown yet.", "Nothing moved.")
         path.plan_for(request)
         self._arm_thread.request_job(ExecutePath(path))
         self._grasp.drop()
@@ -404,7 +404,9 @@ class SessionController:
         picture, camera = self._require_picture(client)
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
-            raise BadMessageError("Nothing is picked up in Live.", "Switch Live off first.")
+            raise BadMessageError(
+                "Nothing can be picked up while Live is on.", "Switch Live off first."
+            )
         self._grasp.request(self._circumstances())
         self._interaction.reset()
         self._grasp.choose(message, picture, camera, self._circumstances())
@@ -542,7 +544,7 @@ class SessionController:
         try:
             return CameraView(self._arm, cameras.video, self._clock, cameras.name)
         except IkservoError as error:
-            text = f"Clicks in the picture are not targets: {error.message} {error.command_hint}"
+            text = f"Clicks in the picture cannot set targets: {error.message} {error.command_hint}"
             self._interaction.log(text.rstrip())
             return None
 

@@ -16,7 +16,7 @@ from typing import Any
 from ikservo.apps.page.arm_choices import ChoiceFinder
 from ikservo.apps.page.arm_list import ArmList, read_arm_list_message
 from ikservo.apps.page.messages.page_messages import read_message
-from ikservo.apps.page.panels.new_arm_panel import NewArmPanel
+from ikservo.apps.page.panels.dialogue_panel import DialoguePanel
 from ikservo.apps.page.panels.page_cameras import PageCameras
 from ikservo.apps.page.panels.servo_bench import ServoBench, read_bench_message
 from ikservo.apps.page.served_arms import ArmAtPort, ServedArms, ViewSettings
@@ -146,10 +146,10 @@ class ViewApp:
             if self._servos is not None:
                 self._bench = ServoBench(*self._servos, downloads)
                 stack.callback(self._bench.close)
-            new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
-            stack.callback(new_arm.close)
+            dialogues = DialoguePanel(Path.cwd(), is_local=self._is_local)
+            stack.callback(dialogues.close)
             choices = ChoiceFinder(self._places)
-            arm_list = ArmList(self.arms, choices, clock, downloads, new_arm)
+            arm_list = ArmList(self.arms, choices, clock, downloads, dialogues)
             index = "index.html" if self._servos is None else "servos.html"
             self._app = make_app(self._channels(arm_list), self.keys, clock, downloads, index)
             stack.enter_context(low_jitter())

@@ -339,19 +339,27 @@ class ServedArms:
             for each in arm.place.other_arms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
+    def check_free(self, place: ArmAtPort) -> None:
+        """Check that no open arm uses a port, and forget failed attempts to open one there.
+
+        Raises:
+            BadMessageError: The port is already in use here.
+        """
+        for other in self.all():
+            if other.place.port != place.port:
+                continue
+            if other.state is ServedArmState.FAILED:
+                del self._arms[other.name]
+            elif place.port is not None and not is_simulated(place.port):
+                raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
+
     def start_opening(self, place: ArmAtPort) -> None:
         """Open an arm in a separate thread; ``all`` shows its state.
 
         Raises:
             BadMessageError: The port is already in use here, or there are too many arms.
         """
-        for other in self.all():
-            if other.place.port != place.port:
-                continue
-            if other.state is ServedArmState.FAILED:
-                del self._arms[other.name]  # forget the failed attempt
-            elif place.port is not None and not is_simulated(place.port):
-                raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
+        self.check_free(place)
         if len(self._arms) >= _MAX_ARMS:
             raise BadMessageError(f"{_MAX_ARMS} arms are open.", "Close one of them first.")
         arm = self._add(place)

@@ -140,7 +140,7 @@ def parse_listen(text: str) -> Endpoint:
     endpoint = Endpoint(_check_protocol(protocol, text), host, port)
     if endpoint.protocol == "tcp" and not endpoint.is_loopback:
         raise InputError(
-            f"Without certificates an arm is served to this machine only, not at {text}.",
+            f"Without certificates, an arm can be served only to this machine, not at {text}.",
             f"Make certificates: ikservo net keys. Then serve the arm at tls/{place}.",
         )
     return endpoint

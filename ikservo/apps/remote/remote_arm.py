@@ -167,7 +167,7 @@ class RemoteArm(MotionMethods):
             RefusedError: Always.
         """
         raise RefusedError(
-            f"Opening the port again, within {within_s:g} s, works only on the arm's computer.",
+            f"Reopening the port within {within_s:g} s works only on the arm's computer.",
             f"Run the program on {self._connection.address.endpoint.host}.",
         )
 

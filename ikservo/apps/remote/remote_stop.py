@@ -147,7 +147,7 @@ class _MachineStop:
             return self._unreached
         what = f"{name} at {self._host}" if name else str(self._host)
         return PortError(
-            f"The stop of {what} was not confirmed: it does not answer.",
+            f"The stop of {what} was not confirmed, because it does not answer.",
             "If the arm moves, switch off its power.",
         )
 

@@ -36,7 +36,7 @@ Router = Annotated[
     typer.Option("--router", metavar="ENDPOINT", help="Endpoint of rmw_zenohd."),
 ]
 Namespace = Annotated[
-    str, typer.Option("--namespace", help="Prefix of all names, for example left.")
+    str, typer.Option("--namespace", help="Prefix of all topic and service names, such as left.")
 ]
 Rate = Annotated[
     float,

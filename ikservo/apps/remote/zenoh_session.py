@@ -95,7 +95,7 @@ def open_router_client(
     config = _client_settings([router], certificate)
     config |= {"mode": "client", "timestamping/enabled": True}  # a publisher's cache needs it
     hint = "Start it: ros2 run rmw_zenoh_cpp rmw_zenohd. Elsewhere: --router tcp/HOST:7447"
-    with _opened(config, f"No Zenoh router of ROS 2 at {router}", hint) as session:
+    with _opened(config, f"No ROS 2 Zenoh router found at {router}", hint) as session:
         yield session
 
 
@@ -222,13 +222,13 @@ def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
     except socket.gaierror:
         return f"there is no machine named {host}", "Check its name, or give its IP address."
     except ConnectionRefusedError:
-        return "nothing listens there", "Start it on that machine: ikservo serve"
+        return "nothing listens there", "Serve the arm on that machine: ikservo serve"
     except OSError:
         return None
     if protocol == "tls" and not speaks_tls:
-        return "it is served there without TLS", f"Name it with tcp/ before the host: tcp/{host}"
+        return "arms are served there without TLS", f"Write tcp/ before the host: tcp/{host}"
     if protocol == "tcp" and speaks_tls:
-        return "it is served there with TLS", f"Name it with tls/ before the host: tls/{host}"
+        return "arms are served there with TLS", f"Write tls/ before the host: tls/{host}"
     return None
 
 

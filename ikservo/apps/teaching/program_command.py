@@ -51,7 +51,7 @@ def new(file: File, arm: ArmOption = None, *, overwrite: OverwriteOption = False
     x, y, z = (round(float(value), 3) + 0.0 for value in tip_m)  # never -0.0
     steps = [
         ProgramStep(name="begin", pose="home"),
-        ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
+        ProgramStep(name="near home", tip_m=(x, y, z), speed="slow"),
         ProgramStep(wait_s=0.5),
     ]
     if model.gripper is not None:
@@ -97,7 +97,9 @@ def run(
     """
     has_terminal = sys.stdin.isatty()
     if step and not has_terminal:
-        raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
+        raise InputError(
+            "Cannot wait for Enter, because input is not a terminal.", "Leave out --step."
+        )
     with _opened(file, connection, options, scene) as (machine, program, steps):
         if steps.pauses and not has_terminal:
             raise InputError("A pause waits for Enter, but input is not a terminal.")
@@ -185,7 +187,7 @@ def _run(
             except BaseException:
                 again = f" --time {each.repetition}" if program.repetitions > 1 else ""
                 number = each.number
-                print_status(f"Stopped in step {number}; begin there again: --from {number}{again}")
+                print_status(f"Stopped in step {number}. To resume there: --from {number}{again}")
                 raise
     return done
 

@@ -100,9 +100,9 @@ class ProgramRun:
                 raise BadValueError("The program", f"for {each.arm}", f"a program for {name}")
         for file, called in self._called.items():
             if called.repeat == UNTIL_STOPPED:
-                raise InputError(f"{file} cannot be called: it repeats until it is stopped.")
+                raise InputError(f"{file} cannot be called, because it repeats until stopped.")
             if any(step.program for step in called.steps):
-                raise InputError(f"{file} cannot be called: it calls another program itself.")
+                raise InputError(f"{file} cannot be called, because it calls another program.")
         self._on_wait = on_wait
         self._stop_count = arm.background.stop_count
         self._has_moved = False  # torque may be off before the first motion

@@ -91,7 +91,7 @@ def configure_servos(
         configured = yield from configure_servo(line, model, settings, wait_s)
         on_configured(configured)
         if number < len(todo):
-            yield Notice("Unplug it.")
+            yield Notice("Unplug this servo.")
             now = replace(configured.found, id=settings.servo.id, baud_rate=settings.baud_rate)
             wait_until_unplugged(line, now, wait_s)
 
@@ -120,7 +120,7 @@ def configure_servo(
     check_model(found, settings)
     yield Notice(f"Found {found}, firmware {found.firmware}.")
     if (found.id, found.baud_rate) != (servo.id, settings.baud_rate):
-        question = f"Make it id {servo.id} at {settings.baud_rate} baud, {servo.name}?"
+        question = f"Set it to id {servo.id} at {settings.baud_rate} baud for {servo.name}?"
         if (yield Question(question, Unasked.ERROR)) != ACCEPT:
             raise IkservoError("Cancelled; this servo was not changed.")
     owner = backup_owner(line.name, model.name)

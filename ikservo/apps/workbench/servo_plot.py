@@ -159,7 +159,7 @@ def _draw(samples: Iterator[Sample], curves: Sequence[_Curve], period_s: float) 
     width = max(console.width - _OTHER_COLUMNS_CHARS, _SHORTEST_CURVE)
     rows = _TALL_ROWS if len(curves) <= _TALL_UP_TO else 1
     histories = [deque[float | None](maxlen=width) for _ in curves]
-    print_status(f"The last {width * period_s:.3g} s; Ctrl-C ends.")
+    print_status(f"Showing the last {width * period_s:.3g} s; Ctrl-C ends.")
     with Live(console=console, auto_refresh=False) as live:
         for sample in samples:
             table = Table(*_COLUMNS, box=None, pad_edge=False)

@@ -117,9 +117,13 @@ def tune_joint(
         RefusedError: There is no room, or the servo has no such gains.
     """
     if joint is None:
-        raise InputError("No joint is named.", "As in: ikservo servo tune --arm so101 --id 3")
+        raise InputError(
+            "No joint was given.", "For example: ikservo servo tune --arm so101 --id 3"
+        )
     if suggest and sine_hz:
-        raise InputError("Gains can only be suggested from a step.", "Omit --sine or --suggest.")
+        raise InputError(
+            "Gains can only be suggested from a step, not from a sine.", "Omit --sine or --suggest."
+        )
     if far_rad is None:
         far_rad = math.radians(2 if sine_hz else 10)
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
@@ -131,7 +135,7 @@ def tune_joint(
             what = f"to both sides, {' to '.join(f'{hz:g}' for hz in sorted(set(sine_hz)))} Hz,"
         print_status(
             f"{servo} of {arm.model.title} on {format_port(arm.port_name)}: "
-            f"{math.degrees(far_rad):.3g}° {what} at the speed fast, "
+            f"moves {math.degrees(far_rad):.3g}° {what} at the fast speed, "
             f"{'about ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)
@@ -170,7 +174,7 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
         if not equals or register not in tunable_registers(servo):
             listed = " ".join(f"{each}=16" for each in tunable_registers(servo))
             raise InputError(
-                f"{word!r} does not set a gain.", f"As in: ikservo servo tune {listed}"
+                f"{word!r} does not set a gain.", f"For example: ikservo servo tune {listed}"
             )
         gains[register] = parse_register_value(register, text)
         lower, upper = register.range
@@ -183,10 +187,10 @@ def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, b
     if present.response.swings and best is present:
         print_status(f"{servo} does not come to rest with any of the gains tried.")
     if best is present:
-        print_status("The present gains are the best of these and are kept.")
+        print_status("The present gains are the best of those tried and are kept.")
         return
     words = " ".join(f"{name}={raw}" for name, raw in _named(best.gains).items())
     print_status(
-        "The former gains are restored. To keep the best gains tried, switch torque off, then: "
-        f"ikservo servo write {words} --arm {connection.arm} --id {servo.id}"
+        "The previous gains have been restored. To keep the best gains tried, switch torque off, "
+        f"then: ikservo servo write {words} --arm {connection.arm} --id {servo.id}"
     )

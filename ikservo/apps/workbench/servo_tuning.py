@@ -235,7 +235,7 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
     found = [registers[name] for names in _GAIN_NAMES for name in names if name in registers]
     if len(found) != len(_GAIN_NAMES):
         raise RefusedError(
-            f"{servo} is a {servo.table.model_name}, which has no P and D gain.",
+            f"{servo} is a {servo.table.model_name}, which has no P and D gains.",
             "Its compliance registers can be set: ikservo servo table",
         )
     return found[0], found[1]
@@ -263,7 +263,7 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
     if not found:
         raise UnknownNameError("joint", joint, [each.name for each in servos])
     if found[0].name not in arm.chain.names:
-        raise InputError(f"{found[0]} is not a joint of the chain.", "Name one that moves the tip.")
+        raise InputError(f"{found[0]} does not move the tip.", "Choose a joint that does.")
     return found[0]
 
 

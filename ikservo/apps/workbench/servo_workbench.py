@@ -126,7 +126,9 @@ def open_servos(
             tried = "every known rate" if baud_rate is None else f"{baud_rate} baud"
             what = "has no servo" if servo_id is None else f"has no servo with id {servo_id}"
             raise ServoSilentError(
-                f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
+                f"{what} that replies at {tried}",
+                "Check the plug and the power supply.",
+                port=line.name,
             )
         with stoppable(ServoBus(line, specs)) as bus:
             bus.backup_owner = backup_owner(line.name)
@@ -142,7 +144,8 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     known = table or found.table
     if known is None:
         raise InputError(
-            f"{found} is an unknown model.", "Give a known model with the same registers: --model"
+            f"The registers of this servo are unknown: {found}.",
+            "Give a known model with the same registers: --model",
         )
     return ServoSpec(found.id, known)
 

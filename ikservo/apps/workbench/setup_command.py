@@ -119,7 +119,9 @@ def command(
                 joint = todo[len(done)].servo.name
                 print_status(f"Continue with: ikservo setup {arm} --start {joint}")
             raise
-    print_status(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
+    print_status(
+        f"All servos are set up. Connect them to each other, then run: ikservo doctor --arm {arm}"
+    )
 
 
 def _print_configured(configured: ConfiguredServo, *, json: bool) -> None:

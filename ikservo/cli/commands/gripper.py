@@ -62,7 +62,7 @@ def command(
         raise InputError(
             "--weigh cannot be used with a motion of the jaws."
             if weigh
-            else "No motion of the jaws is given.",
+            else "No motion of the jaws was given.",
             "Give open, close, a width such as 30mm, or --weigh.",
         )
     if to is None:

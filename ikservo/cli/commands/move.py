@@ -37,7 +37,7 @@ Blend = Annotated[
         "--blend",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Distance at which a --via point is passed; default: 20mm.",
+        help="Largest distance at which the tip passes a --via point; default: 20mm.",
         show_default=False,
     ),
 ]
@@ -85,7 +85,9 @@ def command(
     """
     within = path.within()
     if straight and (line or via or tool_speed is not None):
-        raise InputError("--straight cannot be used with a fixed path.", "Leave out --straight.")
+        raise InputError(
+            "--straight cannot be used with --line, --via or --tool-speed.", "Leave out --straight."
+        )
     if look_at:
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}
         others |= {"--pitch": tool.pitch_rad, "--roll": tool.roll_rad}

@@ -286,7 +286,7 @@ class Dynamixel1Driver(Protocol1Driver):
 
     def factory_reset(self, servo_id: int) -> Reply:
         """Return a fault, because the servo would get id 1, which another servo may have."""
-        found = "would become id 1 by a factory reset; restore a backup instead"
+        found = "would get id 1 from a factory reset; restore a backup instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
 
     def reboot(self, servo_id: int) -> Reply:

@@ -146,7 +146,7 @@ def test_owner_limits_hold_for_each_motion(open_session):
         assert "cannot be reached" in outside or "box" in outside
         own = {"move_to": {"position_m": NEAR, "within": {"above_m": [0, 0, 0]}}}
         assert "The owner has set the constraint" in session.call("plan", motion=own)
-        assert "cannot be kept in the owner's region" in session.call(
+        assert "cannot be kept within the owner's region" in session.call(
             "plan", motion={"move_to_rest": {}}
         )
         session.call("execute", plan_id=session.plan(move_to={"position_m": [0.22, 0, 0.12]}))

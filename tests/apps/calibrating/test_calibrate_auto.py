@@ -336,7 +336,9 @@ def limp(run_cli, name, *more):
 
 def lifts(done):
     """Return the joints that moved to make room for another one, and that other joint."""
-    return re.findall(r"(\w+) moves .*, and stays there: it is in the way of (\w+)", done.err)
+    return re.findall(
+        r"(\w+) moves .*, and stays there, because it is in the way of (\w+)", done.err
+    )
 
 
 SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}

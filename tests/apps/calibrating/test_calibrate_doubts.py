@@ -79,8 +79,8 @@ def test_opposite_sign_is_measured_twice_then_left_unconfirmed(mount_arm, run_cl
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
     assert "joint1: its sign contradicts the arm file. Was it first moved the wrong" in done.err
-    assert "Move joint1 again so that the tool goes to the right" in done.err
-    assert "joint1: its sign contradicts the arm file, measured twice" in done.err
+    assert "Move joint1 again so that the tool moves to the right" in done.err
+    assert "joint1: its sign, measured twice, contradicts the arm file" in done.err
     assert f"ikservo calibrate {NAME} --wiggle" in done.err
     assert [joint.sign for joint in saved().joints] == [-1, -1]
     assert not directions_confirmed(load_model(NAME), PORT)
@@ -101,7 +101,7 @@ def test_test_motion_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
     asked, check = check_with_answers(monkeypatch)
     assert check() is True
     assert [prompt.split()[0] for prompt in asked] == ["Make", "Did"]
-    assert "joint1 moves so that the tool goes" in capsys.readouterr().err
+    assert "joint1 moves so that the tool moves" in capsys.readouterr().err
 
 
 def test_test_motion_in_wrong_direction_is_an_error(monkeypatch):

@@ -105,7 +105,7 @@ def test_picture_without_usable_board_says_why(camera, spoil, message):
 
 
 def test_error_says_picture_shows_another_board(camera):
-    with pytest.raises(CalibrationError, match=r"another board than 7x5"):
+    with pytest.raises(CalibrationError, match=r"a board other than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())
 
 
@@ -114,6 +114,6 @@ def test_picture_of_another_size_than_the_first_is_refused(camera):
     picture = camera.take()
     pictures.add(picture, find_board(BOARD, picture), np.zeros(5))
     smaller = cv2.resize(picture, (768, 576))
-    with pytest.raises(PictureError, match="768 x 576, but the first one was 960 x 720"):
+    with pytest.raises(PictureError, match="768 x 576 pixels, the first one had 960 x 720"):
         pictures.add(smaller, find_board(BOARD, smaller), np.zeros(5))
     assert len(pictures) == 1

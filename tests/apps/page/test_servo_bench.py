@@ -243,7 +243,7 @@ def test_better_gains_are_suggested(raised):
         ("elbow_flex", {"p_gain": 999}, "a gain from 0 to 254"),
         ("elbow_flex", {"goal_position": 5}, "a gain"),
         ("elbow_flex", {"p_gian": 5}, "p_gain"),
-        ("gripper", {"p_gain": 20}, "not a joint of the chain"),
+        ("gripper", {"p_gain": 20}, "does not move the tip"),
         ("tail", {"p_gain": 20}, "tail"),
     ],
 )

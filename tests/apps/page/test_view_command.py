@@ -80,7 +80,7 @@ def test_view_at_real_port_without_arm_asks_for_arm(run_cli):
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ((), "No arm is open. Choose one on the page; that moves nothing."),
+        ((), "No arm is open. Choose one on the page; this does not move it."),
         (("--camera", "77"), "that moves nothing. The page then shows the camera's picture."),
         (("--camera", "77"), "There is no picture from camera 77 now: the page shows it once"),
         (("so101=sim", "koch=/dev/ttyNOTHERE"), "koch: Cannot open port /dev/ttyNOTHERE"),

@@ -189,7 +189,7 @@ def test_ros_stop_reports_torque_of_servos(graph):
     graph.arm.acknowledge()
     graph.arm.enable()
     assert holding[0].endswith("until /acknowledge is called; torque stays on.")
-    assert limp[0].endswith("until /acknowledge is called; torque is off, the arm is limp.")
+    assert limp[0].endswith("until /acknowledge is called; torque is off; the arm is limp.")
     assert holding[1] == limp[1] == "Stopped from ROS 2."
 
 

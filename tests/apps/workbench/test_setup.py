@@ -151,9 +151,9 @@ def test_simulated_hand_plugs_in_new_servos_one_by_one(run_cli, arm):
 def test_setup_names_joint_and_asks_to_unplug(set_up):
     _, result = set_up["koch"]
     assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in result.err
-    assert result.err.count("Unplug it.") == 5
+    assert result.err.count("Unplug this servo.") == 5
     assert result.err.splitlines()[-1] == (
-        "All servos are set up. Plug them together, then: ikservo doctor --arm koch"
+        "All servos are set up. Connect them to each other, then run: ikservo doctor --arm koch"
     )
 
 

@@ -356,8 +356,8 @@ class Drag:
                 hit = self._grabbed.found.hit
                 where = ", ".join(f"{x:z.3f}" for x in hit.point_m.tolist())
                 raise InputError(
-                    f"{hit.link} cannot be dragged: no joint moves it; "
-                    f"it was pressed at ({where}) m.",
+                    f"{hit.link} cannot be dragged, because no joint moves it; "
+                    f"you pressed it at ({where}) m.",
                     "Grab a link of the arm; a click, or N, selects the thing behind it.",
                 )
             return None

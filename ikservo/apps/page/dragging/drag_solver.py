@@ -235,5 +235,7 @@ class PosturePreference:
     def page_fields(self, solver: str) -> dict[str, object]:
         """Return the preference as fields for the page, with a note if the solver ignores it."""
         idle = self.pose != NONE and solver not in _LEANING_METHODS
-        note = f"{solver} has no null space: it cannot prefer a posture." if idle else ""
+        note = (
+            f"{solver} does not use the null space, so it cannot prefer a posture." if idle else ""
+        )
         return {"pose": self.pose, "weights": dict(self.weights), "note": note}

@@ -157,9 +157,11 @@ class PlannedPath:
         """
         change = now.change_since(self.request)
         if change and not now.has_sagged_since(self.request):
-            raise RefusedError(f"{change}; planning again.", "Then press Go there again.")
+            raise RefusedError(
+                f"{change}; planning again.", "Press Go there again when the path is shown."
+            )
         if self.refusal is not None:
-            raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
+            raise RefusedError(self.refusal.reason, "Nothing moved. Choose another target.")
         if self.plan is None:
             raise RefusedError(
                 "The path to the target is not planned yet.", "Wait until it is shown."

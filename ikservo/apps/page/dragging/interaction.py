@@ -154,7 +154,7 @@ class Interaction:
             self.path, self.refusal = path, refusal
             self.revision += 1
             if path is not None and path.plan is not None and path.plan.around:
-                self.log(f"On the straight path {path.plan.around}; the arm goes around.")
+                self.log(f"On the straight path, {path.plan.around}; the arm goes around.")
         if refusal is not None and refusal is not self._logged and not self.is_choosing:
             self._logged = refusal
             self.log(refusal.reason, "bad")

@@ -23,7 +23,7 @@ STOP_TEXTS: dict[StopInput, str] = {
     "button": "Stopped from the page",
     "Space": "Stopped by the Space key on the page",
     "Escape": "Stopped by the Escape key on the page",
-    "gamepad": "Stopped by a gamepad of the page",
+    "gamepad": "Stopped by a gamepad on the page",
 }
 """Text for each control that can stop the arm, as the beginning of a sentence."""
 
@@ -62,7 +62,7 @@ def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
     plan = path.plan
     if plan is None:
         return [("path", "is being planned", "")]
-    direct = "straight" if path.is_straight else "out of contact"
+    direct = "straight" if path.is_straight else "leaving contact"
     how = "around" if plan.around else direct if path.run is None else "with the jaws"
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:

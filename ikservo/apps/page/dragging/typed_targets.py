@@ -98,7 +98,7 @@ class JointRanges:
         )
         name = self._index.names[column]
         return (
-            f"{name} cannot be at {round(value, 1):g}{unit}: it goes from {low} to {high}{unit} "
+            f"{name} cannot be at {round(value, 1):g}{unit}; its range is {low} to {high}{unit} "
             f"({self._sources[column]})."
         )
 

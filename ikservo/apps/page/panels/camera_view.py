@@ -129,7 +129,7 @@ class CameraView:
         picture, (width, height) = self._video.newest, self._model.lens.size
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"
-            return f"The pictures are {seen}, not {width} x {height} as calibrated."
+            return f"The pictures have {seen} pixels, not {width} x {height} as calibrated."
         return ""
 
     @property
@@ -146,7 +146,7 @@ class CameraView:
             BadMessageError: The picture is old, or the camera has moved.
         """
         if self.trouble:
-            raise BadMessageError(self.trouble, "Nothing moves. Choose a target in another view.")
+            raise BadMessageError(self.trouble, "Nothing moved. Choose a target in another view.")
 
     def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
         """Find the zero that puts the tip at a click on a pixel (2,) of the drawing.

@@ -56,7 +56,7 @@ class FollowPanel:
             arm.context.require_zeros()
         if all(state.torque for state in leader.snapshot.states):
             raise InputError(
-                f"{leader_name} holds, so you cannot guide it.",
+                f"{leader_name} holds its position, so you cannot guide it.",
                 "Release it first; an arm that is not supported falls.",
             )
         joints = tuple(shared_joints(leader.arm.model, follower.model))

@@ -26,8 +26,8 @@ from ikservo.hardware.servo import ServoSpec
 # Registers that move the arm, stop its replies or belong to its calibration are set elsewhere.
 _ELSEWHERE = {
     "torque_enable": "Use the switch beside the joint.",
-    "id": "In a terminal: ikservo setup",
-    "baud_rate": "In a terminal: ikservo setup",
+    "id": "Press Set up servos in the list of arms.",
+    "baud_rate": "Press Set up servos in the list of arms.",
     "homing_offset": "Calibrate the arm.",
     "position_offset": "Calibrate the arm.",
     "min_position_limit": "Calibrate the arm.",
@@ -103,7 +103,7 @@ class _ServoJob:
 
     def __init__(self, panel: ServoPanel, joint: str, name: str, text: str) -> None:
         self._panel, self._joint, self._name, self._text = panel, joint, name, text
-        self.title = f"Reads the servo of {joint}"
+        self.title = f"Reading the servo of {joint}"
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Write and read; a refusal by the servo or its table becomes a note and stops nothing.
@@ -156,7 +156,7 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
     """
     if holds_torque(line, servo):
         raise InputError(
-            f"{servo} holds a joint, which could fall with other values.",
+            f"{servo} holds a joint, which could fall if values change.",
             "Support the joint, and switch its torque off first.",
         )
     return write_values(line, servo, values)

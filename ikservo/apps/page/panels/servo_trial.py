@@ -67,7 +67,7 @@ def describe_trials(trials: Sequence[Trial]) -> str:
             ", ".join(f"{register} {raw}" for register, raw in trial.gains.items()),
             f"overshoot {np.degrees(response.overshoot_rad):.2f}°",
             f"settling {response.settling_s:.2f} s",
-            f"short of its goal {np.degrees(response.steady_error_rad):.2f}°",
+            f"{np.degrees(response.steady_error_rad):.2f}° short of its goal",
             f"swings by {np.degrees(response.swing_rad):.2f}°"
             if response.swings
             else "comes to rest",

@@ -116,7 +116,7 @@ class VideoSource:
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
         if self.is_late:
-            return f"The picture of {self.name} is late. Waiting for the next one."
+            return f"The picture from {self.name} is late. Waiting for the next one."
         return self._error or f"No picture from {self.name}: is it plugged in?"
 
     @property

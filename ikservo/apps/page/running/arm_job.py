@@ -157,7 +157,7 @@ class SetTipZero:
         found: The zero.
     """
 
-    title = "Opening again with the new zero"
+    title = "Reopening the arm with the new zero"
     is_planned = True
 
     def __init__(self, found: TipZero) -> None:

@@ -61,7 +61,7 @@ _PLANNED_SILENCE_S = 2.5
 """Longest silence of the page, in seconds, that a planned and checked motion tolerates."""
 
 _SILENCE_TEXT = (
-    "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
+    "Stopped, because the page does not answer; torque stays on. Switch Live on to continue."
 )
 _JOB_SILENCE_TEXT = "Stopped: the page does not answer, or draws no new picture."
 _TORQUE_LOST_TEXT = (
@@ -174,7 +174,7 @@ class ArmThread:
         if self.job is not None or self.snapshot.calibration:
             raise InputError("The arm is busy.", "Wait until it has finished, or stop it.")
         if self.command.live:
-            raise InputError("The arm follows this page.", "Switch Live off first.")
+            raise InputError("The arm is following this page.", "Switch Live off first.")
         self._waiting_job = job
 
     def step(self) -> None:

@@ -65,7 +65,7 @@ class FollowLeader:
         result = follow_targets(arm, self._positions(), self._speed, record, note_refusal)
         if not self._finished.is_set():
             raise StoppedError(
-                f"{self.feed.name} does not lead: {result.ended}.",
+                f"{self.feed.name} no longer leads: {result.ended}.",
                 "Check both arms, then acknowledge.",
             )
 

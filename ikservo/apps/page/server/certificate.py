@@ -104,7 +104,7 @@ def _checked_fingerprint(path: Path) -> str:
     """
     try:
         if os.name == "posix" and path.stat().st_mode & _OTHERS:
-            raise CertificateError(path, "others can read its key")
+            raise CertificateError(path, "other users can read its key")
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(path)  # checks the key, too
     except IkservoError:

@@ -94,7 +94,7 @@ _RATE_EXCEEDED, _FULL = 1008, 1013
 
 # Limit per key, so that watching pages do not lock out controlling ones.
 _FULL_TEXTS = {
-    Permission.WATCH: f"{_MAX_CLIENTS} pages watch this arm already.",
+    Permission.WATCH: f"{_MAX_CLIENTS} pages are already watching this arm.",
     Permission.CONTROL: f"{_MAX_CLIENTS} pages with the control address are open already.",
 }
 

@@ -58,7 +58,9 @@ def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_inte
     if age_s > DEAD_MAN_TIMEOUT_S:
         raise RefusedError(f"The message is {age_s:.1f} s old and was dropped.", _CLOCKS)
     if age_s < -_MAX_AHEAD_S:
-        raise RefusedError(f"The time stamp of the message is {-age_s:.1f} s ahead.", _CLOCKS)
+        raise RefusedError(
+            f"The time stamp of the message is {-age_s:.1f} s in the future.", _CLOCKS
+        )
 
 
 class TrajectoryGoal:
