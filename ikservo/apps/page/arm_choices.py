@@ -112,9 +112,6 @@ def _own_arm(name: str, adapter: str, port: str, calibrated: bool) -> dict[str, 
 class ChoiceFinder:
     """Searches for choices in its own thread, because a search takes longer than a control cycle.
 
-    Args:
-        given: Arms and ports that the command line has named.
-
     Attributes:
         found: The latest choices, replaced as a whole.
     """
