@@ -122,7 +122,7 @@ def command(
         places = _among_things(places, scene)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
                   uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
-                  servos=bench)  # fmt: skip
+                  servos=bench, offered_port=connection.port)  # fmt: skip
     with exiting_on_signals(), app as urls:  # moving arms brake, and writes are finished
         print_status("To control the arm:")
         sys.stderr.flush()  # prints the label before the URL
@@ -174,9 +174,9 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
     """
     from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # --help does not need it
 
-    if not arms and not arm and not port:
-        return []
     simulated = (port or "").partition(":")[0] == "sim"
+    if not arms and not arm and not simulated:
+        return []  # a port is offered on the page
     if arms and arm and arm != os.environ.get("IKSERVO_ARM"):
         raise InputError(
             f"Both --arm {arm} and {' '.join(arms)} are given.", "Name all arms without --arm."
