@@ -58,9 +58,6 @@ class MotionRunner:
 
     A motion that fails leaves the arm stopped; the first motion after torque comes on is slow.
 
-    Args:
-        context: The arm.
-
     Attributes:
         loop: Streams trajectories to the servos.
         watches_scene: Whether the scene may change, because the motion checks its path again.

@@ -193,10 +193,8 @@ class _PathWatch:
     """Stops a motion in front of an obstacle that has entered the rest of the path.
 
     Whenever the scene has changed, the rest of the path is checked again, one piece per cycle. The
-    first piece is longer than the stopping distance of the arm.
-
-    Args:
-        context: The arm, whose path is free in the present scene.
+    first piece is longer than the stopping distance of the arm. The path of the arm is free in the
+    scene at its start.
     """
 
     def __init__(self, context: ArmContext) -> None:

@@ -145,9 +145,6 @@ class SetpointSampler:
     After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
     stopped joints back to its position; then it continues.
 
-    Args:
-        trajectory: The joint motion.
-
     Attributes:
         time_s: The time of the trajectory.
     """

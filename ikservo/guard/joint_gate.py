@@ -48,9 +48,6 @@ class JointGate:
     `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or on the path back from
     it. A goal of a joint that was not measured recently is also refused.
 
-    Args:
-        driven: The joint.
-
     Attributes:
         goal: The last goal that was sent; None if no goal is in force.
         measured: The last measured tick; None before the first measurement.

@@ -78,9 +78,6 @@ class OverloadMonitor:
     The duty of a position loop is ``kp (goal - position)``, which is known one cycle before a
     reading could show it; load readings are also used if there are any.
 
-    Args:
-        driven_joints: The joints.
-
     Attributes:
         rules: The rules by joint; a joint without a rule is not watched.
         relaxes: Whether the goals of pressing joints are pulled back before the protection acts.

@@ -50,10 +50,6 @@ class GravitySag:
 
     A joint does not sag past its end stops.
 
-    Args:
-        body: The arm.
-        weight: The masses of the arm, and the compliance of its joints.
-
     Attributes:
         masses: Array (links, 4) of mass [kg] and centre in the link's frame [m].
         bounds: Array (3, dof): compliance for the torque at 1 m/s², lower ends, upper ends.

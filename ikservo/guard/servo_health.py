@@ -12,12 +12,7 @@ from ikservo.registers import Alarm
 
 
 class CommunicationMonitor:
-    """Counts the consecutive cycles in which a joint's servo did not reply.
-
-    Args:
-        names: The joints.
-        max_lost: The number of cycles after which an error is raised.
-    """
+    """Counts the consecutive cycles without a servo's reply, up to an error after ``max_lost``."""
 
     def __init__(self, names: Sequence[str], max_lost: int = 3) -> None:
         self._row = dict.fromkeys(names, 0)

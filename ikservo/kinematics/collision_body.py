@@ -25,10 +25,7 @@ class LinkTravelBounds:
 
     A point moves by at most the joint's angle times its distance from the axis. This distance is
     known for the first joint at the link; for others it is at most the sum of lengths in between.
-
-    Args:
-        chain: The arm; its limits bound the travel of prismatic joints in between.
-        capsules: The capsules of all links.
+    Limits of the chain bound the travel of prismatic joints in between.
     """
 
     def __init__(self, chain: Chain, capsules: Sequence[Capsule]) -> None:

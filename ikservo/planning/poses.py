@@ -47,12 +47,7 @@ class _PoseFile(StrictModel):
 
 
 class PoseLibrary:
-    """The poses of one arm: from its arm file, and taught poses.
-
-    Args:
-        model: The arm.
-        usb_serial_number: The serial number of the adapter; empty if there is none.
-    """
+    """The poses of one arm: from its arm file, and taught poses."""
 
     def __init__(self, model: Model, usb_serial_number: str) -> None:
         self._model, self.path = model, pose_path(model.name, usb_serial_number)

@@ -134,13 +134,7 @@ class _MotionRequest:
 
 
 class PreflightPlanner:
-    """Plans the motions of an arm and checks their paths without moving it.
-
-    Args:
-        context: The arm.
-        runner: Provides the start of a motion and its allowed speed.
-        poses: The poses of the arm.
-    """
+    """Plans the motions of an arm and checks their paths without moving it."""
 
     def __init__(self, context: ArmContext, runner: MotionStart, poses: PoseLibrary) -> None:
         self._context, self._runner, self._poses = context, runner, poses

@@ -44,12 +44,7 @@ _OK, _WARN, _ERROR = 0, 1, 2
 
 
 class ArmMessages:
-    """Makes the messages of an arm.
-
-    Args:
-        model: The arm.
-        chain: The calibrated chain of the arm.
-    """
+    """Makes the messages of an arm."""
 
     def __init__(self, model: Model, chain: Chain) -> None:
         self._model, self._chain = model, chain

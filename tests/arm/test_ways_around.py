@@ -142,7 +142,7 @@ def test_planner_finds_several_goals_for_one_point():
         level = planner.goals_at(at, tip_m, ikservo.ToolOrientation(pitch_rad=0.0))
         turned = {round(each.joints[arm.joint_names.index("forearm_roll")], 1) for each in level}
         assert len(turned) > 1
-        assert max(each.solved.error_rad for each in level) < 0.01
+        assert max(each.solved.orientation_error_rad for each in level) < 0.01
 
 
 def test_tool_tolerance_lets_arm_reach_point_under_obstacle():
@@ -177,7 +177,7 @@ def test_goals_use_the_whole_tool_tolerance_and_no_more(wanted):
         planner, tool = context_of(arm).planner, tool_frame(arm.model)
         start = np.array(list(arm.where().positions.values()))
         found = planner.goals_at(start, (0.3, 0.05, 0.2), stance)
-        errors = [each.solved.error_rad for each in found]
+        errors = [each.solved.orientation_error_rad for each in found]
         assert errors[0] < 0.01
         assert 0.1 < max(errors) <= most_rad
         for each in found:

@@ -182,11 +182,7 @@ _ENOUGH_M = 0.004
 
 
 class PosturePlanner:
-    """Finds collision-free postures of an arm that is not calibrated yet.
-
-    Args:
-        model: The arm.
-    """
+    """Finds collision-free postures of an arm that is not calibrated yet."""
 
     def __init__(self, model: Model) -> None:
         body = collision_body(model)
@@ -325,9 +321,6 @@ class _JointSearch:
 
 class MeasuredRanges:
     """The file of joints that an automatic calibration has measured, for one arm and adapter.
-
-    Args:
-        loose: The arm.
 
     Attributes:
         path: The file.

@@ -392,6 +392,20 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
     )
 
 
+def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -> None:
+    """Check that a calibration matches the servos on this bus.
+
+    Raises:
+        CalibrationError: The calibration does not match; the message says why.
+    """
+    reason = next(find_mismatches(loose, calibration), "")
+    if reason:
+        raise CalibrationError(
+            f"The calibration in {path} does not fit this arm. {reason}",
+            f"Calibrate it: ikservo calibrate {loose.model.name}",
+        )
+
+
 def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:
     """Save a calibration for this adapter; keep a copy of the previous one."""
     update = {"usb_serial_number": loose.serial_number}

@@ -154,13 +154,7 @@ class ArmBefore:
 
 
 class BoardPictures:
-    """Views of a board on the gripper, with the measured joints of each.
-
-    Args:
-        arm: The arm.
-        board: The board on the gripper.
-        folder: The folder in which to keep the pictures; None to keep none.
-    """
+    """Views of a board on the gripper, with the measured joints of each, kept in a folder."""
 
     def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
         self.board, self.views, self.joints = board, list[BoardView](), list[Vector]()

@@ -28,10 +28,6 @@ _LOOKS = 5
 class BoardPlace:
     """The place of the board for a check: remembered on the table, or on the gripper.
 
-    Args:
-        camera: The camera.
-        known: Other known facts about the camera.
-
     Raises:
         CalibrationError: The calibration does not say where the board was.
     """

@@ -370,7 +370,7 @@ class _GraspPlanner:
         q = self._context.index.chain_joints(self._start)
         for _ in range(3 if grip_m.any() else 1):
             try:
-                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q).solution
+                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q)
             except OrientationError:
                 return None
             if not found.reached:

@@ -18,7 +18,7 @@ from ikservo.apps.lab.accuracy_test import (
     PoseResult,
     TestSettings,
 )
-from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.arrays import Matrix, Vector
 
 Fields = Mapping[str, Any]
 
@@ -84,6 +84,17 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
             "rp_m": [group.rp_m for group in drift.groups],
         },
     }
+
+
+def touched_poses(tips: Iterable[tuple[str, Vector, Vector]]) -> list[PoseResult]:
+    """Group touches of known points, each with name, position (3,) and tip (3,), metres.
+
+    Points are in the base frame; errors include those of backlash, bending and hand.
+    """
+    found: dict[str, PoseResult] = {}
+    for name, point_m, tip_m in tips:
+        found.setdefault(name, PoseResult(name, point_m)).attained_m.append(tip_m)
+    return list(found.values())
 
 
 def touched_fields(poses: Sequence[PoseResult]) -> dict[str, Any]:

@@ -17,9 +17,9 @@ from ikservo.apps.lab.accuracy_report import (
     statements,
     summary_rows,
     touched_fields,
+    touched_poses,
 )
 from ikservo.apps.lab.accuracy_test import PARTS, AccuracyTest, TestSettings
-from ikservo.apps.lab.touched_accuracy import touched_poses
 from ikservo.arm import ZeroSource
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.open_and_confirm import confirm_motion, open_from_options

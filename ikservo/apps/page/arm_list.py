@@ -101,15 +101,7 @@ def read_arm_list_message(text: str) -> ArmListMessage:
 
 
 class ArmList:
-    """Shows the arms to every client; clients that may move an arm may open, stop and close arms.
-
-    Args:
-        arms: The arms.
-        choices: Finds arms and ports that can be opened.
-        clock: Limits the rate of frames.
-        downloads: Issues the addresses of the camera pictures.
-        dialogues: Runs the dialogues that need no open arm.
-    """
+    """Shows the arms to every client; clients that may move an arm may open and close arms."""
 
     def __init__(
         self,

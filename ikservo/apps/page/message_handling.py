@@ -58,14 +58,6 @@ class SessionController:
 
     Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
 
-    Args:
-        arm_thread: Owns the arm.
-        clock: The time of the page.
-        downloads: Offers files for download; a new one if None.
-        find_arm: Finds another arm of the page, to be followed.
-        cameras: The cameras that the arm may show; None for none.
-        add_other_arm: Makes another arm of the page an obstacle to this one.
-
     Attributes:
         downloads: The files that pages have requested.
     """

@@ -234,12 +234,6 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
 class FrameComposer:
     """Composes scene and status frames from the arm thread's snapshot, for each client's view.
 
-    Args:
-        arm_thread: Provides the snapshot that is shown.
-        interaction: Input of the client in control.
-        clock: Limits the frame rate.
-        camera_view: The picture of a calibrated camera, if there is one.
-
     Attributes:
         extent: The extent of the arm.
         views: The names of the arm's views.

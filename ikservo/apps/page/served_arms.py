@@ -290,11 +290,7 @@ class ServedArm:
 
 
 class ServedArms:
-    """Opens, stops and closes the arms of one page; only the server's thread may call it.
-
-    Args:
-        settings: The settings that all arms share.
-    """
+    """Opens, stops and closes the arms of one page; only the server's thread may call it."""
 
     def __init__(self, settings: ViewSettings) -> None:
         self._settings = settings

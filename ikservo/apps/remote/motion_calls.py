@@ -24,9 +24,6 @@ _STOP_TIMEOUT_S = 5.0
 class MotionCalls:
     """Requests plans and motions from the server of an arm.
 
-    Args:
-        connection: The connection to the server.
-
     Attributes:
         stop_request: Stops the arm, and knows which motions were requested before a stop.
     """
@@ -111,9 +108,6 @@ class MotionCalls:
 
 class RemoteStopRequest(StopRequest):
     """The stops of an arm on another machine, which performs and counts them.
-
-    Args:
-        connection: The connection to that machine.
 
     Attributes:
         count_here: The number of stops by this program, not counting cancelled motions.

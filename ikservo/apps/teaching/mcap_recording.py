@@ -239,11 +239,6 @@ class _WholeWrites:
 class RosRecordingWriter:
     """Converts samples to messages, and passes them to sinks.
 
-    Args:
-        arm: The arm.
-        urdf: The description of the arm; empty if there is none.
-        sinks: Receive the messages.
-
     Attributes:
         samples: The number of samples that were written.
     """

@@ -27,7 +27,6 @@ from ikservo.hardware.serial_ports import (
     has_udev,
     installed_rules,
     line_hint,
-    read_rules,
 )
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model, arm_names, load_model
@@ -109,11 +108,6 @@ def _check_port(name: str, model: Model | None, on_progress: Progress | None) ->
     with opened_port:
         yield ok("port", f"{name} can be opened; no other program uses it")
         yield from _check_bus(opened_port, model, on_progress)
-
-
-def udev_rules() -> str:
-    """Return the udev rules, ready to be piped into a file."""
-    return read_rules()
 
 
 def _check_udev_rules(name: str) -> Iterator[Finding]:

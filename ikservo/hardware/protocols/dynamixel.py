@@ -247,12 +247,7 @@ class _Dynamixel1Codec(Protocol1Codec):
 
 
 class Dynamixel1Driver(Protocol1Driver):
-    """Driver for AX and MX servos: none has sync read, and only MX servos have bulk read.
-
-    Args:
-        port: The port.
-        bulk_ids: The servos that support bulk read.
-    """
+    """Driver for AX and MX servos without sync read; those in ``bulk_ids`` support bulk read."""
 
     def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
         super().__init__(port, Protocol1PacketHandler().txPacket, _Dynamixel1Codec(COMM_TX_ERROR))

@@ -83,11 +83,7 @@ def crc(start: int, packet: Sequence[int], count: int) -> int:
 
 
 class Protocol2Codec:
-    """Codec of protocol 2.0.
-
-    Args:
-        too_long: The SDK's code for a packet that is too long to send.
-    """
+    """Codec of protocol 2.0; ``too_long`` is the SDK's code for a packet that is too long."""
 
     highest_id = 0xFC
 

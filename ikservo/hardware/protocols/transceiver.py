@@ -303,12 +303,7 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Cache of packets without values, which the SDK builds once and a program repeats.
-
-    Args:
-        port: The port.
-        cacheable: The instructions whose packets carry no values.
-    """
+    """Cache of packets without values, which the SDK builds once and a program repeats."""
 
     def __init__(self, port: Port, cacheable: frozenset[int]) -> None:
         self._port, self._cacheable = port, cacheable

@@ -134,11 +134,7 @@ Names = tuple[tuple[str, str] | None, ...]
 
 
 class CandidateSelection:
-    """Selection among the overlapping things under a resting pointer.
-
-    Args:
-        hit_tester: Finds the things.
-    """
+    """Selection among the overlapping things under a resting pointer."""
 
     def __init__(self, hit_tester: HitTester) -> None:
         self._hit_tester = hit_tester
@@ -264,11 +260,6 @@ class _Fixture:
 
 class Drag:
     """Converts pointer, wheel and key events to commands.
-
-    Args:
-        chain: The arm, with its own limits.
-        picker: Finds its links.
-        objects: Finds the objects of the scene, in the base frame; None for none.
 
     Attributes:
         moved_thing: The object that is dragged, or was dragged last; None after another press.

@@ -66,9 +66,6 @@ class DragSolution:
 class DragSolver:
     """Solves drag commands; the joints beyond a grabbed link stay as they are.
 
-    Args:
-        chain: The arm, with its own limits.
-
     Attributes:
         method: ``auto``, or one of ``ikservo.ik.METHODS``.
         posture: Preferred posture if the target leaves freedom (null-space motion), for

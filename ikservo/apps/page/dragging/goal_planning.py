@@ -224,9 +224,6 @@ def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> 
 class GoalPlanner:
     """Plans one path at a time in its own thread; a newer request replaces the running one.
 
-    Args:
-        arm: The arm; nothing moves, and no servo is read.
-
     Attributes:
         path: The path to the goal; None if there is none.
     """

@@ -47,10 +47,6 @@ _MAX_WARNINGS = 6
 class Interaction:
     """Turns input messages into the goal of all joints; without a goal the arm holds.
 
-    Args:
-        arm: The arm to move, with its own limits.
-        clock: Clock for the time stamps of messages.
-
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         marker: The target of the goal, if there is one.

@@ -121,11 +121,7 @@ _MAX_CACHED = 64
 
 
 class ReachableRegionCache:
-    """Computes one region at a time in the background; callers poll ``get``.
-
-    Args:
-        chain: The arm, with its own limits.
-    """
+    """Computes one region at a time in the background; callers poll ``get``."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain

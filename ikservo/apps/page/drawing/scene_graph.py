@@ -44,11 +44,6 @@ _SWEPT = slice(4, 24, 4)  # postures along a path at which the whole arm is draw
 class SceneGraph:
     """Data from which the page draws an arm.
 
-    Args:
-        model: The arm.
-        chain: The joints of the arm, with calibrated limits.
-        extent: The space that the arm can occupy.
-
     Attributes:
         description: Everything that does not move, except the 3D shapes.
     """

@@ -47,12 +47,7 @@ class RunMotion:
 
 
 class AppPanels:
-    """Shows the panels of all apps; a panel that fails is replaced by its error.
-
-    Args:
-        arm_thread: Owns the arm.
-        clock: The time of the page.
-    """
+    """Shows the panels of all apps; a panel that fails is replaced by its error."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
         self._arm_thread, self._clock = arm_thread, clock

@@ -24,13 +24,7 @@ FindArm = Callable[[str], ArmThread | None]
 
 
 class FollowPanel:
-    """Couples the arm to a leader and shows its lag.
-
-    Args:
-        arm_thread: Owns the arm that follows.
-        clock: The common time of all arms of the page.
-        find_arm: Finds the leader.
-    """
+    """Couples the arm to a leader, another arm of the page, and shows its lag."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock, find_arm: FindArm) -> None:
         self._arm_thread, self._clock, self._find_arm = arm_thread, clock, find_arm

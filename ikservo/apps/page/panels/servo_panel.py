@@ -51,11 +51,7 @@ def _is_written_here(name: str) -> bool:
 
 
 class ServoPanel:
-    """Shows one servo's control table and writes its registers, in the thread of the arm.
-
-    Args:
-        arm_thread: Owns the arm.
-    """
+    """Shows one servo's control table and writes its registers, in the thread of the arm."""
 
     def __init__(self, arm_thread: ArmThread) -> None:
         self._arm_thread = arm_thread

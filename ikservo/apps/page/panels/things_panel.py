@@ -40,14 +40,7 @@ AddOtherArm = Callable[[str], None]
 
 
 class ThingsPanel:
-    """Shows and changes the things around an arm.
-
-    Args:
-        arm: The arm.
-        downloads: Offers the scene file for download.
-        find_arm: Finds another arm of the page.
-        add_other_arm: Makes another arm of the page an obstacle to this one.
-    """
+    """Shows and changes the things around an arm; offers them as a scene file for download."""
 
     def __init__(
         self,

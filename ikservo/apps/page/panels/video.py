@@ -197,11 +197,7 @@ class VideoSource:
 
 
 class PictureCapture:
-    """Takes single pictures from a source.
-
-    Args:
-        source: The source of the pictures.
-    """
+    """Takes single pictures from a source."""
 
     def __init__(self, source: PictureSource) -> None:
         self._source = source

@@ -199,13 +199,7 @@ _CONDITIONING_PERIOD_S = 0.3  # update period for a reader
 
 
 class PostureAnalyser:
-    """Runs one analysis at a time in the background; callers poll ``get``.
-
-    Args:
-        chain: The arm, with its own limits.
-        visibility: Computes which links are visible.
-        clock: Determines when the conditioning is computed again.
-    """
+    """Runs one analysis at a time in the background; callers poll ``get``."""
 
     def __init__(self, chain: Chain, visibility: VisibilityChecker, clock: Clock) -> None:
         self._chain, self._visibility, self._clock = chain, visibility, clock

@@ -151,11 +151,7 @@ class ReleaseArm:
 
 
 class SetTipZero:
-    """Saves the zero from a click on the tip, and reopens the arm with it.
-
-    Args:
-        found: The zero.
-    """
+    """Saves the zero from a click on the tip, and reopens the arm with it."""
 
     title = "Reopening the arm with the new zero"
     is_planned = True

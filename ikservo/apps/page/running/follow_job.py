@@ -19,10 +19,6 @@ from ikservo.kinematics.arrays import Vector
 class FollowLeader:
     """Follows a leader until ``finish`` is called (``ArmJob``).
 
-    Args:
-        feed: The leader's joints.
-        speed: The speed class.
-
     Attributes:
         lag: The lag of the arm.
         refusal: The reason why the guard refused the leader's last posture; empty if it did not.

@@ -32,11 +32,7 @@ class Download:
 
 
 class DownloadOffers:
-    """Issues an address per file, because a socket can prove its key but a request cannot.
-
-    Args:
-        clock: Limits the validity of addresses.
-    """
+    """Issues an address per file for a limited time, because a request cannot prove its key."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

@@ -244,11 +244,7 @@ class TwistGoal:
 
 
 class PoseGoal:
-    """Goal that moves the tool to a pose.
-
-    Args:
-        target: The pose (4, 4), or a point.
-    """
+    """Goal that moves the tool to a pose (4, 4) or a point."""
 
     arrives: ClassVar[bool] = True
 
