@@ -93,7 +93,7 @@ def test_path_constraint_error_names_excess_and_place(ready):
     with pytest.raises(ConstraintError, match="allowed half-space, at 0 %"):
         ready.move_to(RIGHT, within=PathConstraint(above_m=(0.0, 0.0, 0.12)))
     wrist = ready.where().positions["wrist_flex"]
-    with pytest.raises(ConstraintError, match=r"more than the allowed 10\.0°: at 100 %"):
+    with pytest.raises(ConstraintError, match=r"more than the allowed 10\.0°, at 100 %"):
         ready.move_joints({"wrist_flex": wrist - 0.5}, within=UPRIGHT)
     with pytest.raises(ConstraintError, match="angle of the tool axis"):
         ready.move_joints({"wrist_flex": -0.5}, within=PathConstraint(axis=(0, 0, -1)))

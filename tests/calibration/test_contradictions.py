@@ -31,7 +31,7 @@ def test_calibration_reports_unknown_and_missing_registers():
     del held["servo"]["holds"]["homing_offset"]
     place = ("joints", 0, "servo", "holds")
     assert issues_of(held) == {
-        (*place, "homing_ofset"): ("is not a register", "one of STS3215"),
+        (*place, "homing_ofset"): ("is not a register", "a register of STS3215"),
         (*place, "homing_offset"): ("is missing", "the number that the servo held"),
     }
 

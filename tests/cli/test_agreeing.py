@@ -68,7 +68,7 @@ def test_record_of_holding_arm_says_how_to_switch_torque_off(run_cli, arm):
         servo.write("torque_enable", 1)
     result = run_cli(f"record wave.jsonl --duration 100ms {REAL}")
     assert result.code == 0
-    assert "Torque is on: the arm cannot be guided by hand." in result.err
+    assert "Torque is on, so the arm cannot be guided by hand." in result.err
     assert "To switch torque off: ikservo relax" in result.err
 
 

@@ -28,7 +28,7 @@ NESTED = LINE + "".join(
     f'<g id="a{i}">{f"""<use href="#a{i - 1}"/>""" * 10}</g>' for i in range(1, 9)
 )
 DRAWINGS = {
-    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, counting repeated parts each time"),
+    "nested uses": (f'{NESTED}<use href="#a8"/>', "elements, counted at each use"),
     "a circular use": (
         '<g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g>',
         "contains itself",
@@ -98,7 +98,7 @@ def test_mcap_chunk_is_inflated_at_most_to_its_stated_size(compression, tmp_path
     tracemalloc = pytest.importorskip("tracemalloc")
     tracemalloc.start()
     try:
-        with pytest.raises(FileFormatError, match="another size than it states"):
+        with pytest.raises(FileFormatError, match="does not inflate to its stated size"):
             read_recording(path)
         assert tracemalloc.get_traced_memory()[1] < 20_000_000
     finally:

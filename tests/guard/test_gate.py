@@ -407,7 +407,7 @@ class TestOneReadingOfTheClock:
     @pytest.mark.parametrize("time_s", [CYCLE_S + 1e-6, -1e-6, math.nan, math.inf])
     def test_goal_time_after_now_or_before_last_command_is_refused(self, time_s):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
-        with pytest.raises(RefusedError, match=r"goals have the time .* not between"):
+        with pytest.raises(RefusedError, match=r"time of the goals, .* not between"):
             gate.send({"elbow": 2049}, time_s)
         assert bus.sent == []
 

@@ -29,7 +29,7 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
         ),
         (
             [3],
-            "Servo 3 does not answer, the others do. Check its connector, id and baud rate.",
+            "Servo 3 does not answer; the others do. Check its connector, id and baud rate.",
         ),
         (
             [1, 2, 3, 4, 5, 6],

@@ -196,7 +196,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
         elif "in use" in reason:
             reason = "the address is in use"
         why, remedy = _why_unreachable(settings) or (reason, hint)
-        raise PortError(f"{what}: {why}.", remedy) from None
+        raise PortError(f"{what}: {why}.", remedy or hint) from None
     try:
         yield session
     finally:
@@ -205,7 +205,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return the reason why the only endpoint is unreachable, and a hint; None if unknown.
+    """Return why the only endpoint is unreachable, and a hint or nothing; None if unknown.
 
     Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """
@@ -222,7 +222,7 @@ def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
     except socket.gaierror:
         return f"there is no machine named {host}", "Check its name, or give its IP address."
     except ConnectionRefusedError:
-        return "nothing listens there", "Serve the arm on that machine: ikservo serve"
+        return "nothing listens there", ""
     except OSError:
         return None
     if protocol == "tls" and not speaks_tls:

@@ -122,7 +122,7 @@ def test_changes_from_previous_calibration_are_shown(mount_arm, run_cli, home):
     write_atomic(file_of(home), dump_calibration(other))
     _, changed = shown_before_saving(calibrated(arm, run_cli))
     assert changed[0].startswith(f"This replaces the calibration from {first.written:%Y-%m-%d}")
-    assert f"joint1: zero was tick {spoiled.zero_tick:g}, is tick " in changed[1]
+    assert f"joint1: zero was tick {spoiled.zero_tick:g}, is now tick " in changed[1]
 
 
 @pytest.mark.full

@@ -255,7 +255,7 @@ def test_sagged_pose_is_not_saved_without_a_question(arm, narrow, run_cli):
     arm.world.place("joint2", math.radians(5.0 + 7.1))
     done = auto(run_cli, narrow, "--skip joint1")
     assert (done.code, saved()) == (6, None), done.err
-    assert "joint2: swept" in done.err
+    assert "joint2 was swept" in done.err
     assert "the zero seems to be off by 7." in done.err
 
 

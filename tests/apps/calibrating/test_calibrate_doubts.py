@@ -100,7 +100,7 @@ def check_with_answers(monkeypatch, **answers):
 def test_test_motion_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
     asked, check = check_with_answers(monkeypatch)
     assert check() is True
-    assert [prompt.split()[0] for prompt in asked] == ["Make", "Did"]
+    assert [prompt.split()[0] for prompt in asked] == ["Run", "Did"]
     assert "joint1 moves so that the tool moves" in capsys.readouterr().err
 
 

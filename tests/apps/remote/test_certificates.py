@@ -190,7 +190,10 @@ def test_a_wrong_certificate_is_refused(served, certificates, wrong):
 @pytest.mark.usefixtures("impatient")
 def test_error_of_client_without_tls_says_that_arm_uses_tls(served):
     plain = Endpoint("tcp", "127.0.0.1", served.endpoint.port)
-    with pytest.raises(PortError, match="it is served there with TLS"), open_client([plain], None):
+    with (
+        pytest.raises(PortError, match="arms are served there with TLS"),
+        open_client([plain], None),
+    ):
         pass
 
 
