@@ -31,9 +31,6 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import (
     RETRACT_POSES,
     MotionPlan,
-    PoseWithinLimits,
-    clamp_pose,
-    clamp_positions,
     via_pose_plan,
 )
 from ikservo.planning.motions import (
@@ -51,7 +48,7 @@ from ikservo.planning.motions import (
 )
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.planner import Planner, PointGoal
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits, clamp_pose, clamp_positions
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
 # A gripper's goal leads it by more than this at the horn while it presses on something.
