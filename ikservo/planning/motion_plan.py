@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from ikservo.arguments import parse_number
+from ikservo.calibration.joint_limits import near_distance
 from ikservo.errors import RefusedError
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.model.arm_model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajectory
 from ikservo.planning.motions import MotionValue
