@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -246,28 +246,3 @@ def has_moved(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]
 
 def _time_apart_s(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> Vector:
     return np.abs(goals - plan.start) / np.array([limit.speed_rad_s for limit in limits])
-
-
-RETRACT_POSES = ("home", "rest")
-"""Retract poses to try, in this order; every arm file has them."""
-
-
-def via_pose_plan(
-    first: MotionPlan, then: MotionPlan, pose: str, orientation_change_rad: float
-) -> MotionPlan:
-    """Return a plan that moves to a pose, stops there, and continues from it.
-
-    The change of orientation is that from the start of ``first`` to the goal of ``then``.
-    """
-    return replace(
-        then,
-        start=first.start,
-        orientation_change_rad=orientation_change_rad,
-        trajectory=ConcatenatedTrajectory(first.trajectory, then.trajectory),
-        path_m=first.path_m + then.path_m,
-        duration_s=first.duration_s + then.duration_s,
-        time_limiting_joints=tuple(
-            dict.fromkeys(first.time_limiting_joints + then.time_limiting_joints)
-        ),
-        via_pose=pose,
-    )
