@@ -21,8 +21,7 @@ from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
-from ikservo.planning.motion_plan import PoseWithinLimits
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits
 from ikservo.planning.reports import (
     ArmState,
     FollowResult,

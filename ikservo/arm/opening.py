@@ -41,8 +41,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, load_model
 from ikservo.model.collision_capsules import collision_body, collision_body_with_gripper
-from ikservo.model.joint_drive import nominal_parameters
-from ikservo.model.link_masses import stall_error
+from ikservo.model.joint_drive import nominal_parameters, stall_error
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import (
     CalibratedArm,

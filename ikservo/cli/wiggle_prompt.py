@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ikservo.arm import Arm, OpenArm, ZeroSource
+from ikservo.arm import Arm, OpenArm
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import ArmConnection, MotionOptions
@@ -15,17 +15,15 @@ from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.direction_check import (
     DirectionCheck,
     check_each_joint,
-    directions_confirmed,
+    needs_direction_check,
 )
 from ikservo.model import Model
 
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
-    """Run the test motion of all joints, unless the present files are already confirmed.
+    """Run the test motion of all joints if ``needs_direction_check`` says so.
 
     Returns whether the test ran; the arm may then be away from the start of an earlier plan.
-
-    An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
 
     Raises:
         CalibrationError: A joint is not the expected one.
@@ -33,9 +31,7 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
     """
     if options.no_wiggle or not isinstance(machine, Arm):  # done by the program with the servos
         return False
-    if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
-        return False
-    if directions_confirmed(machine.model, machine.port_name):
+    if not needs_direction_check(machine):
         return False
     print_status(
         "The arm file or calibration has changed. First a test motion: each joint by 5° and back."

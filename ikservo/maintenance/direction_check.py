@@ -21,6 +21,7 @@ from ikservo.hardware.port_names import serial_number_of
 from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
+from ikservo.planning.calibrated_arm import ZeroSource
 
 CHECK_ANGLE_RAD = math.radians(5.0)
 """Rotation of the horn in a test motion [rad]."""
@@ -280,6 +281,16 @@ def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> 
             else "If another joint moved: check the ids in the arm file. If the joint went the "
             f"other way: {by_hand} --joint {motion.joint}",
         )
+
+
+def needs_direction_check(arm: Arm) -> bool:
+    """Check whether the joints must be tested, because the present files are not confirmed.
+
+    An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
+    """
+    if arm.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
+        return False
+    return not directions_confirmed(arm.model, arm.port_name)
 
 
 def directions_confirmed(model: Model, port_name: str) -> bool:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ikservo.arguments import parse_number
+from ikservo.calibration.joint_limits import near_distance
 from ikservo.errors import RefusedError
-from ikservo.guard import DrivenJoint
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.model.arm_model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajectory
 from ikservo.planning.motions import MotionValue
@@ -247,91 +246,3 @@ def has_moved(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]
 
 def _time_apart_s(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> Vector:
     return np.abs(goals - plan.start) / np.array([limit.speed_rad_s for limit in limits])
-
-
-RETRACT_POSES = ("home", "rest")
-"""Retract poses to try, in this order; every arm file has them."""
-
-
-def via_pose_plan(
-    first: MotionPlan, then: MotionPlan, pose: str, orientation_change_rad: float
-) -> MotionPlan:
-    """Return a plan that moves to a pose, stops there, and continues from it.
-
-    The change of orientation is that from the start of ``first`` to the goal of ``then``.
-    """
-    return replace(
-        then,
-        start=first.start,
-        orientation_change_rad=orientation_change_rad,
-        trajectory=ConcatenatedTrajectory(first.trajectory, then.trajectory),
-        path_m=first.path_m + then.path_m,
-        duration_s=first.duration_s + then.duration_s,
-        time_limiting_joints=tuple(
-            dict.fromkeys(first.time_limiting_joints + then.time_limiting_joints)
-        ),
-        via_pose=pose,
-    )
-
-
-# A joint that was on its end stop when a pose was taught is at most this far beyond its limit.
-_END_STOP_RAD = math.radians(6.0)
-
-
-@dataclass(frozen=True, slots=True)
-class PoseWithinLimits:
-    """A pose clamped to the limits of an arm.
-
-    Attributes:
-        positions: The positions by joint, rad or m.
-        changed: Descriptions of joints that stop at a limit short of the pose.
-    """
-
-    positions: dict[str, float]
-    changed: tuple[str, ...]
-
-
-def clamp_positions(
-    positions: Mapping[str, float],
-    driven_joints: Sequence[DrivenJoint],
-    start: Vector,
-    max_rad: float = _END_STOP_RAD,
-) -> PoseWithinLimits:
-    """Clamp joint positions that are slightly beyond the limits.
-
-    A clamped joint stays inside its limit by the distance at which friction may stop it. Other
-    joints keep their positions (rad or m), and a joint that is beyond its limit at ``start`` (n,)
-    need not move inside. Joints that are further beyond than ``max_rad``, as an angle of the horn,
-    are not clamped; the guard refuses them.
-    """
-    clamped, changed = dict(positions), list[str]()
-    for driven, at in zip(driven_joints, start.tolist(), strict=True):
-        if driven.joint not in positions or driven.limits.contains(positions[driven.joint]):
-            continue
-        requested, (low, high) = positions[driven.joint], driven.position_range
-        joint_map = driven.joint_map
-        beyond = max(low - requested, requested - high)
-        if beyond > joint_map.unit_per_tick:  # less is rounding
-            low, high = driven.settled_range
-        inside = min(max(requested, min(low, at)), max(high, at))
-        beyond_rad = beyond / joint_map.unit_per_horn_rad
-        if inside != requested and beyond_rad <= max_rad:
-            clamped[driven.joint] = inside
-            goes_to, asked = joint_map.format(inside), joint_map.format(requested)
-            if goes_to != asked:  # otherwise it is rounding
-                limit = driven.limits.upper if requested > inside else driven.limits.lower
-                why = f"its limit is {joint_map.format(limit.value)} ({limit.source})"
-                changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}, because {why}")
-    return PoseWithinLimits(clamped, tuple(changed))
-
-
-def clamp_pose(
-    name: str, pose: Mapping[str, float], driven_joints: Sequence[DrivenJoint], start: Vector
-) -> PoseWithinLimits:
-    """Clamp a named pose to the limits; see ``clamp_positions``.
-
-    The rest pose is clamped however far it is outside, because it must always be possible to lower
-    an arm. Other poses may have joints on their end stops, just beyond a limit.
-    """
-    max_rad = math.inf if name == "rest" else _END_STOP_RAD
-    return clamp_positions(pose, driven_joints, start, max_rad)

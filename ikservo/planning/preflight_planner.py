@@ -28,14 +28,7 @@ from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import (
-    RETRACT_POSES,
-    MotionPlan,
-    PoseWithinLimits,
-    clamp_pose,
-    clamp_positions,
-    via_pose_plan,
-)
+from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import (
     THINK_S,
     Draw,
@@ -51,7 +44,7 @@ from ikservo.planning.motions import (
 )
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.planner import Planner, PointGoal
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits, clamp_pose, clamp_positions
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
 # A gripper's goal leads it by more than this at the horn while it presses on something.
@@ -525,6 +518,8 @@ class PreflightPlanner:
 
         The first one moves only as far as needed to touch nothing.
         """
+        from ikservo.planning.ways_around import RETRACT_POSES  # noqa: PLC0415
+
         start, allowed = request.start, request.allowed
         free = request.arm.nearest_free_joints(start)
         out = free is not None and self._planner.plan_to_joints(
@@ -545,6 +540,8 @@ class PreflightPlanner:
         return self._planner.plan_to_joints(start, inside.positions, allowed)
 
     def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
+        from ikservo.planning.ways_around import via_pose_plan  # noqa: PLC0415
+
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
 

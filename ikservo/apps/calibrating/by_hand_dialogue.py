@@ -30,6 +30,7 @@ from ikservo.apps.calibrating.calibration_session import (
     rest_pose_violations,
 )
 from ikservo.apps.calibrating.calibration_table import calibration_lines, difference_lines
+from ikservo.apps.calibrating.range_tracker import NARROW_SWEEP_UNCHANGED_S, SWEEP_UNCHANGED_S
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import load_calibration_file
 from ikservo.calibration.records import Calibration
@@ -58,9 +59,6 @@ from ikservo.model.tool import describe_direction
 
 ANSWERS = (ACCEPT, "undo", "remeasure JOINT", "skip JOINT", "continuous JOINT")
 _FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
-
-_UNCHANGED_S = 1.0  # a sweep with complete ranges ends after this time without a new extreme
-_COMPLETE_AFTER_S = 4.0  # the same time, if ranges are narrower than in the arm file
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +252,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
     """Return the answers of a sweep; keys act on the current joint or the joint of an issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
-    wait_s = None if issue else _UNCHANGED_S if complete else _COMPLETE_AFTER_S
+    wait_s = None if issue else SWEEP_UNCHANGED_S if complete else NARROW_SWEEP_UNCHANGED_S
     joints = tuple(subject.name for subject in state.subjects)
     named = [name for name in joints if issue and name in issue.message]
     joint = state.current_joint.name if state.current_joint else next(iter(named), "")

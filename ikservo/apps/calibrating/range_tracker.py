@@ -13,6 +13,12 @@ from enum import Enum
 from ikservo.calibration.joint_map import unwrap
 from ikservo.control.stillness import StillnessDetector
 
+SWEEP_UNCHANGED_S = 1.0
+"""Time without a new extreme after which a sweep with complete ranges ends [s]."""
+
+NARROW_SWEEP_UNCHANGED_S = 4.0
+"""The same time if ranges are narrower than in the arm file [s]."""
+
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
 _MAX_STEP = 1024

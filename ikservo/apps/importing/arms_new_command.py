@@ -14,6 +14,7 @@ from ikservo.apps.importing.draft import ArmDraft, DraftServo
 from ikservo.apps.importing.folder import write_drafts
 from ikservo.apps.importing.new_arm import NewArm, draft_new_arm
 from ikservo.apps.importing.ruler import RulerJoint, parse_measured
+from ikservo.apps.importing.servo_assignment import parse_servo
 from ikservo.cli.options import JsonOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
@@ -235,19 +236,11 @@ def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
 def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
     """Parse ``JOINT=[-]ID[:MODEL]``; several servos of a joint drive it together."""
     found: dict[str, tuple[DraftServo, ...]] = {}
-    for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
+    for name, servo in _parse_pairs("--servo", texts, parse_servo, "elbow=3:STS3215 or elbow=-3"):
         if any(servo.id == other.id for servos in found.values() for other in servos):
             raise InputError(f"--servo gives the id {servo.id} twice.", "Use each id once.")
         found[name] = (*found.get(name, ()), servo)
     return found
-
-
-def _parse_servo(text: str) -> DraftServo:
-    number, _, model = text.partition(":")
-    servo_id = int(number)
-    if not 0 < abs(servo_id) < 253:
-        raise ValueError
-    return DraftServo(abs(servo_id), model, -1 if servo_id < 0 else 1)
 
 
 def _print_drafts(

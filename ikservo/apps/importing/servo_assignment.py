@@ -34,6 +34,19 @@ _AGAIN, _NOTHING = "again", "nothing"
 _OPTION = "--servo JOINT=ID for each joint"
 
 
+def parse_servo(text: str) -> DraftServo:
+    """Parse ``[-]ID[:MODEL]``; with a minus, ticks fall while the joint position rises.
+
+    Raises:
+        ValueError: The id is not one of a servo.
+    """
+    number, _, model = text.partition(":")
+    servo_id = int(number)
+    if not 0 < abs(servo_id) < 253:
+        raise ValueError
+    return DraftServo(abs(servo_id), model, -1 if servo_id < 0 else 1)
+
+
 def assign_servos(
     drafts: Sequence[ArmDraft], port: str, given: Mapping[str, Sequence[DraftServo]]
 ) -> EntryDialogue[None]:

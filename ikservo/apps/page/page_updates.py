@@ -43,12 +43,13 @@ from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm, JointState
 from ikservo.calibration import format_position
+from ikservo.calibration.joint_limits import at_distance, limit_distance, near_limit
 from ikservo.clock import Clock
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import IkservoError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.arm_model import HealthLimits, at_distance, limit_distance, near_limit
+from ikservo.model.arm_model import HealthLimits
 
 _MAX_STATUS_MESSAGES = 12
 

@@ -65,6 +65,15 @@ class ArmAddress:
             place = place.partition("/")[2]
         return f"{SCHEME}:{self.name}@{place.removesuffix(f':{DEFAULT_PORT}')}"
 
+    def from_other_machines(self) -> ArmAddress:
+        """Return the address, with this machine's name if the endpoint is a wildcard."""
+        import platform  # noqa: PLC0415  # rarely needed
+
+        endpoint = self.endpoint
+        if endpoint.host not in ("0.0.0.0", "::"):  # noqa: S104
+            return self
+        return ArmAddress(self.name, Endpoint(endpoint.protocol, platform.node(), endpoint.port))
+
 
 def listens(endpoint: Endpoint) -> bool:
     """Check whether a process listens at an endpoint, because Zenoh sessions take long to fail."""

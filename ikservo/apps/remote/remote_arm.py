@@ -41,9 +41,8 @@ from ikservo.errors import BadValueError, PortError, RefusedError, StoppedError,
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.planning.motion_plan import PoseWithinLimits
 from ikservo.planning.motions import MotionValue, check_motion, motion_fields
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits
 from ikservo.planning.reports import FollowResult, JogResult, OnProgress
 
 R = TypeVar("R")

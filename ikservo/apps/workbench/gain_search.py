@@ -21,6 +21,7 @@ from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoi
 from ikservo.planning.context import ArmContext
 from ikservo.registers import Register
 
+DEFAULT_STEP_RAD = float(np.radians(10.0))
 REST_S = 1.0  # rest after a motion
 _JUDGED_S = 0.5  # last part of a rest, in which a joint should be still
 _LEAST_STEP_RAD = np.radians(1.0) - 1e-9

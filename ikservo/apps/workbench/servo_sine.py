@@ -19,6 +19,7 @@ from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import TrajectoryPoint
 
+DEFAULT_AMPLITUDE_RAD = math.radians(2.0)
 _LEAST_AMPLITUDE_RAD = np.radians(0.5) - 1e-9
 _FREQUENCIES_HZ = (0.1, 20.0)
 _CYCLES = 8.0  # number of cycles at a single frequency

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ikservo.apps.workbench.gain_search import (
+    DEFAULT_STEP_RAD,
     Trial,
     best_trial,
     find_turning_servo,
@@ -14,7 +15,7 @@ from ikservo.apps.workbench.gain_search import (
     try_steps,
     tunable_registers,
 )
-from ikservo.apps.workbench.servo_sine import measure_sine
+from ikservo.apps.workbench.servo_sine import DEFAULT_AMPLITUDE_RAD, measure_sine
 from ikservo.apps.workbench.servo_workbench import find_register, parse_register_value
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
@@ -125,7 +126,7 @@ def tune_joint(
             "Gains can only be suggested from a step, not from a sine.", "Omit --sine or --suggest."
         )
     if far_rad is None:
-        far_rad = math.radians(2 if sine_hz else 10)
+        far_rad = DEFAULT_AMPLITUDE_RAD if sine_hz else DEFAULT_STEP_RAD
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
         arm = require_own_port(machine)
         servo = find_turning_servo(arm, joint)

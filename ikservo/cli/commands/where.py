@@ -21,6 +21,7 @@ from ikservo.app_discovery import find_part
 from ikservo.arm import ArmState, JointState
 from ikservo.arm.other_process import query_state
 from ikservo.calibration import format_source
+from ikservo.calibration.joint_limits import limit_distance, near_limit
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
@@ -37,7 +38,7 @@ from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.arm_model import HealthLimits, limit_distance, near_limit
+from ikservo.model.arm_model import HealthLimits
 from ikservo.planning.reports import describe_alarms
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]

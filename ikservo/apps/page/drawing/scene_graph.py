@@ -28,11 +28,11 @@ from ikservo.apps.page.picking.lens_camera import LensCamera
 from ikservo.apps.page.picking.link_poses import other_joint_position
 from ikservo.apps.page.picking.projection import NEAR_PLANE_M, Camera
 from ikservo.apps.page.picking.viewpoints import ArmExtent
+from ikservo.calibration.joint_limits import at_distance, near_distance
 from ikservo.kinematics import Chain, ChainJoint, JointType
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
-from ikservo.model.arm_model import at_distance, near_distance
 from ikservo.model.collision_capsules import capsules_of
 from ikservo.model.tool import tool_frame
 
