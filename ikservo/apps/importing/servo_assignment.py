@@ -99,7 +99,7 @@ def _scan(line: Port, rates: Sequence[int]) -> EntryDialogue[list[FoundServo]]:
             listed = ", ".join(f"{each.id} ({each.model})" for each in found)
             yield Notice(f"Servos on the bus, at {rate} baud: {listed}.")
             return found
-    raise ServoSilentError("No servo replies.", "Check the servos' power supply and the cable.")
+    raise ServoSilentError("No servo replies", "Check the servos' power supply and the cable.")
 
 
 def _check_servos(
@@ -128,7 +128,7 @@ def _check_servos(
         for servo in servos:
             if servo.id not in ids:
                 raise ServoSilentError(
-                    f"Servo {servo.id} of {joint} does not reply.", f"Check: {_OPTION}"
+                    f"Servo {servo.id} of {joint} does not reply", f"Check: {_OPTION}"
                 )
 
 

@@ -111,7 +111,7 @@ def test_test_motion_in_wrong_direction_is_an_error(monkeypatch):
 
 
 def test_postponed_test_motion_stays_pending(monkeypatch, capsys):
-    _, check = check_with_answers(monkeypatch, Make="n")
+    _, check = check_with_answers(monkeypatch, Run="n")
     assert check() is False
     assert "The first motion begins with this test" in capsys.readouterr().err
 
