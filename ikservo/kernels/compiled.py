@@ -26,7 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 uncompiled: dict[str, Callable[..., object]] = {}
-"""Entries as Python functions, by name, also if there are compiled ones."""
+"""Entries as Python functions, by name, even if compiled ones exist."""
 
 _ARRAYS = {
     "Vector": ("float64", 1),
@@ -45,7 +45,7 @@ class _Extension(Protocol):
     DIGESTS: str
 
     def bind(self, name: str, /, *arguments: object) -> Callable[..., object]:
-        """Return a kernel with its first arguments."""
+        """Return a kernel with its first arguments bound."""
         ...
 
 
@@ -54,8 +54,8 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
     Args:
         check: A kernel with the same parameters that returns whether the arrays have the shapes,
-            and indices in them the ranges, that the kernel relies on. Types of arrays are also
-            checked; wrong ones raise TypeError.
+            and the indices in them the ranges, that the marked kernel relies on. Types of arrays
+            are also checked; wrong ones raise TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -94,7 +94,7 @@ def _check_types(
 
 
 def bind(name: str, *arguments: object) -> Callable[..., object]:
-    """Return the entry of that name with its first arguments, which are checked only once."""
+    """Return the entry of that name with its first arguments bound, which are checked only once."""
     extension = _extension()
     if extension is None:
         return partial(uncompiled[name], *arguments)
