@@ -27,7 +27,7 @@ class TrackingMonitor:
     def for_limits(
         cls, limits: Sequence[DrivenJoint], speeds: Sequence[float] | None = None
     ) -> TrackingMonitor:
-        """Return a monitor for joints (n,) whose goals keep the gate's maximum lead."""
+        """Return a monitor for joints (n,) whose goals stay within the gate's maximum lead."""
         max_error = [
             _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick
             for driven, speed in zip(limits, speeds or [each.speed for each in limits], strict=True)
@@ -60,7 +60,7 @@ class TrackingMonitor:
 
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:
-    """Return the error for joints that do not follow because the arm is too heavy for them."""
+    """Return the error for joints that do not follow because their servos are too weak."""
     hint = "Switch torque off, fold the arm by hand to shorten its reach, then move again."
     too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
     found = f"{_not_following(joints)}; motion stopped because {too_weak}"

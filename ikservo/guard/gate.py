@@ -93,7 +93,7 @@ class StopLatch:
 
 @dataclass(frozen=True, slots=True)
 class PassedGoals:
-    """Goals that passed the gate for a time of its clock; they are written, then committed."""
+    """Goals that passed the gate at a time of its clock; the caller writes and commits them."""
 
     ticks: TickRow
     time_s: float
@@ -102,10 +102,11 @@ class PassedGoals:
 class Gate:
     """Passes commands that satisfy all checks, and refuses other commands as a whole.
 
-    A command consists of goal ticks for some of the joints. It passes if every goal is inside the
-    joint's limits, none moves faster than its limit, and none leads the measured joint by more than
-    its maximum lead. A joint outside its limits may be moved back, but never further out. After
-    `latch_stop` only `pass_hold` passes, until `acknowledge` and `pass_reset` are called.
+    A command consists of goal ticks for some of the joints. It passes if every goal is inside its
+    joint's limits, no goal moves faster than its joint's speed limit, and no goal leads the
+    measured joint by more than the maximum lead. A joint outside its limits may be moved back, but
+    never further out. After `latch_stop` only `pass_hold` passes, until `acknowledge` and
+    `pass_reset` are called.
 
     The gate writes nothing: the caller writes what passed, and then commits it. Goals that were
     not committed do not count as sent.
@@ -153,7 +154,7 @@ class Gate:
             joint.update_measured(tick, time_s)
 
     def set_speeds(self, speeds: Sequence[float]) -> None:
-        """Set the joints' top speeds for the next motion, rad/s or m/s; lower ones allow less lead.
+        """Set the joints' top speeds for the next motion, rad/s or m/s; low speeds allow less lead.
 
         Raises:
             RefusedError: A speed is not above zero.
@@ -169,7 +170,7 @@ class Gate:
             joint.set_speed(speed)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return the time by which a motion may advance; less than elapsed if a joint lags.
+        """Return the time by which a motion may advance; less than has elapsed if a joint lags.
 
         A stream that advances its motion by this time, instead of the elapsed one, waits for the
         joints and so stays within the maximum lead.
@@ -190,9 +191,9 @@ class Gate:
         """Return the allowed goals nearest to the given ones, on the straight path to them.
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
-        reduced, all joints by the same fraction. A goal that the joint could not reach within 50 ms
-        at full speed is not a late step but a jump; it is returned unchanged, and `pass_goals`
-        refuses it. The time will be passed to `pass_goals`, too.
+        shortened, those of all joints by the same fraction. A goal that the joint could not reach
+        within 50 ms at full speed is not a late step but a jump; it is returned unchanged, and
+        `pass_goals` refuses it. Pass the same time to `pass_goals`.
 
         Raises:
             RefusedError: A joint would leave its limits or was not measured recently, or a tick is
@@ -224,7 +225,7 @@ class Gate:
         clock_s = self._clock.now_s()
         if now_s is None:
             now_s = clock_s
-        # Elapsed time counts for one step only. This form of the comparison also refuses NaN.
+        # Each elapsed time counts for one step only. This form of the comparison also refuses NaN.
         elif not self._passed_s <= now_s <= clock_s:
             raise RefusedError(
                 f"The time of the goals, {now_s} s, is not between that of the last "
@@ -241,7 +242,8 @@ class Gate:
     def pass_hold(self, ticks: TickRow) -> PassedGoals:
         """Pass goals at which joints hold their positions, even while the arm is stopped.
 
-        The ticks are present goals, measured positions, or between; they are clamped to the limits.
+        Each tick is the present goal, the measured position, or between the two; it is clamped to
+        the limits.
 
         Raises:
             RefusedError: A goal would move a joint; nothing may be sent for any joint.

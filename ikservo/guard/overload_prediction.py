@@ -1,4 +1,4 @@
-"""Predict when a servo protects itself from overload, from how long and hard its joint presses."""
+"""Predict when a servo's overload protection acts, from how long and how hard its joint presses."""
 
 from __future__ import annotations
 
@@ -31,17 +31,18 @@ class OverloadRule:
 
 # A horn that has turned by no more than this is blocked (0.1 rad/s).
 _STILL_RAD = 0.004
-_STILL_S = 0.04  # time in which it has turned
+_STILL_S = 0.04  # time for which this turn is measured
 # A goal acts before its effect is measured, so output this close to the limit counts as overload.
-_NEAR = 0.92  # fraction of the limit at which overload begins
+_NEAR = 0.92  # fraction of the limit above which overload begins
 _ENDED = 0.88  # fraction of the limit below which it ends
-# Output that has not exceeded the limit itself for this long stays below it, and trips no servo.
+# Output that has not exceeded the limit itself for this long stays below it, and does not trip the
+# servo.
 _REACHED_S = 0.1
-_RELAX_LEFT_S = 1.0  # a joint with no more time left than this is relaxed
-_RELAXED_SHARE = 0.6  # fraction of the limit to which it is relaxed
-# A joint whose load only just prevents it from starting is near its reference.
+_RELAX_LEFT_S = 1.0  # the goal of a joint that has at most this time left is pulled back
+_RELAXED_SHARE = 0.6  # fraction of the limit that remains after that
+# A joint that its load only just keeps from starting is near its reference.
 _NEAR_REFERENCE_RAD = 0.045  # at the horn
-_STARTING_S = 0.3  # time that it gets to start
+_STARTING_S = 0.3  # time that such a joint has to start
 _LOAD_AGE_S = 0.3  # a reading of the load is valid for this time
 
 
@@ -54,8 +55,9 @@ class _Pressing:
         output: Fraction of the output for its last goal.
         load: The last reading of the load as a signed fraction of the output.
         since_s: Time since which the joint presses beyond the limit; NaN if it does not.
-        reached_s: Last time at which the joint was beyond the limit.
-        bound: The goal when the joint was relaxed, which the motion does not pass; None otherwise.
+        reached_s: Last time at which the output was beyond the limit.
+        bound: The goal when it was pulled back, which the motion does not pass; None if it was not
+            pulled back.
         warned: Whether the user was warned.
         side: 1 if the joint presses towards greater ticks, -1 towards smaller ones.
     """
@@ -139,10 +141,10 @@ class OverloadMonitor:
         return tuple(warnings)
 
     def draw_back(self, goals: Sequence[int], ticks: TickRow) -> list[int]:
-        """Pull back the goals of joints that press for too long.
+        """Pull back the goals of joints that have pressed for too long.
 
         Such a joint continues to press with 60 % of the output that its servo tolerates, until its
-        goal comes back or the obstacle gives way. It does not follow a load that pushes it back.
+        goal returns or the obstacle gives way. It does not follow a load that pushes it back.
         """
         drawn = list(goals)
         for name in self.rules:

@@ -54,12 +54,12 @@ def refine_path(
 
     Args:
         path: Joints (k, n), interpolated linearly.
-        measure: Returns values (k, m) at joints (k, n).
-        unresolved_after: Returns, from the values, the indices (i,) of samples before such
-            intervals.
+        measure: Measures values (k, m) at joints (k, n).
+        unresolved_after: Returns, from the values, the indices (i,) of the samples after which a
+            limit may be exceeded.
 
     Returns:
-        The sampled fractions of the path (j,), and the values at these (j, m).
+        The sampled fractions of the path (j,), and the values (j, m) at these samples.
     """
     fractions, values = np.linspace(0.0, 1.0, len(path)), measure(path)
     for _ in range(_MAX_HALVINGS):

@@ -77,7 +77,7 @@ class GravitySag:
 def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
     """Return the sag of an arm with its gripper under its weight.
 
-    The things that it holds together count as the largest payload.
+    Everything that the arm holds counts together as the largest payload.
     """
     chain = body.chain
     masses = link_masses(model, chain)

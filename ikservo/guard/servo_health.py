@@ -12,7 +12,7 @@ from ikservo.registers import Alarm
 
 
 class CommunicationMonitor:
-    """Counts the consecutive cycles without a servo's reply, up to an error after ``max_lost``."""
+    """Counts consecutive cycles without a servo's reply; after ``max_lost``, raises an error."""
 
     def __init__(self, names: Sequence[str], max_lost: int = 3) -> None:
         self._row = dict.fromkeys(names, 0)
@@ -41,7 +41,7 @@ class CommunicationMonitor:
 
 # The status of a servo that was not read for this long is unknown.
 _STALE_S = 1.0
-# If a servo's own limit is below that of the arm file, warnings begin this far below it.
+# If a servo's own limit is below the arm file's limit, warnings begin this far below the servo's.
 _WARN_BELOW_C = 5.0
 
 
@@ -79,7 +79,7 @@ class _ThresholdFault:
 
 @dataclass(slots=True)
 class _Heating:
-    """Heating rate of a servo, measured between changes, because sensors report whole degrees."""
+    """Heating rate of a servo between changes of its sensor, which reports whole degrees."""
 
     degree_c: float = math.nan
     since_s: float = 0.0
@@ -170,7 +170,7 @@ class HealthMonitor:
                 )
 
     def _find_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
-        """Yield each fault; the comparisons are written so that NaN is also a fault."""
+        """Yield each fault; the comparisons are written so that NaN also counts as a fault."""
         if not (telemetry.torque and telemetry.settings_intact):
             lost = "settings lost" if telemetry.torque else "torque is off"
             yield _ThresholdFault(f"was reset: {lost}", _RESET_HINT)

@@ -1,8 +1,8 @@
-"""Other solutions for a target: their number or family, and the one nearest to the start.
+"""Other solutions for a target: their number or family, and the solution nearest to the start.
 
-A search converges to one solution; with six joints this is the nearest one in about two of three
-cases. The closed form has every solution; without it, searches that begin around the start find
-most of the near solutions.
+A search converges to one solution; with six joints this is the nearest solution in about two of
+three cases. The closed form has every solution; without it, searches that begin around the start
+find most of the near solutions.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def solution_set(
     apart = np.array(known) - q
     apart -= _REVOLUTION_RAD * np.round(apart / _REVOLUTION_RAD)
     if not (np.abs(apart).max(axis=1) < _SAME_RAD).any():
-        return SolutionSet("several")  # the closed form does not give all of them
+        return SolutionSet("several")  # the closed form does not give all solutions of the family
     return SolutionSet("one" if len(known) == 1 else "several", len(known))
 
 

@@ -1,8 +1,8 @@
 """Prepare a solve: pack the chain and the options for the kernel, and choose the starts.
 
-Joints that do not influence a target keep their start position: joints behind the frame, and joints
-whose axis contains the target point. A search that starts elsewhere, or leaves a saddle, would move
-them along with the others, and nothing would move them back.
+Joints that do not influence a target keep their start position: joints between the frame and the
+tip, and joints whose axis contains the target point. A search that starts elsewhere, or leaves a
+saddle, would move these joints along with the others, and nothing would move them back.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def prepare_seeds(
 
 
 def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
-    """Compute the middle of a joint's range and half its width, at most half a revolution."""
+    """Compute the middle of a joint's range, and half the range's width up to half a revolution."""
     if upper_rad - lower_rad >= 2.0 * math.pi:
         return min(max(0.0, lower_rad + math.pi), upper_rad - math.pi), math.pi
     return 0.5 * (lower_rad + upper_rad), 0.5 * (upper_rad - lower_rad)
@@ -103,7 +103,7 @@ def quasi_random_points(count: int, dimensions: int) -> Matrix:
     This is the R-sequence of M. Roberts, The unreasonable effectiveness of quasirandom sequences,
     2018: point i is ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dimensions + 1) = φ + 1``.
     """
-    phi = 2.0  # becomes the golden ratio for one dimension, and its generalisation for more
+    phi = 2.0  # converges to the golden ratio for one dimension, and to its generalisation for more
     for _ in range(64):
         phi = (1.0 + phi) ** (1.0 / (dimensions + 1))
     steps: Vector = phi ** -np.arange(1.0, dimensions + 1)
@@ -180,14 +180,14 @@ class SolverBuffers:
         self.trace: Matrix = np.zeros((traced, dof))
 
 
-# A joint that moves the point or rotates its axis by less [m/rad] has no effect. The tip of an arm
-# with a calibrated roll is further than this from the roll axis.
+# A joint that moves the point or rotates the tool axis by less [m/rad] has no effect. The tip of an
+# arm with a calibrated roll is further than this from the roll axis.
 _NOTHING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class IdleJoint:
-    """A joint without influence on the target, which holds its position, and its range.
+    """A joint without influence on the target, which keeps its position; and the joint's range.
 
     Attributes:
         column: The joint index in q.
@@ -222,7 +222,7 @@ def idle_joints(
 ) -> tuple[IdleJoint, ...]:
     """Return the joints that change neither the point nor the orientation of a target.
 
-    The point (3,) is on a link, by default its origin on the tip. Its target may include a
+    The point (3,) is on a link, by default the origin of the tip. Its target may include the
     direction of an ``axis`` (3,) of the link, or the whole orientation.
     """
     T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)
@@ -254,7 +254,7 @@ class PackedProblem:
 
     Attributes:
         arm: The packed chain.
-        seeds: Starting points in addition to the caller's (dof + SEED_SIZE, m).
+        seeds: Starting points (dof + SEED_SIZE, m) in addition to those of the caller.
         idle: The joints that keep their position, by the kind of target.
     """
 
@@ -280,7 +280,7 @@ def pack_problem(
     tool_axis: Vector | None,
     restarts: int,
 ) -> PackedProblem:
-    """Pack the arm for a number of starting points; the most recent ones are cached."""
+    """Pack the arm for a number of starting points; the most recent results are cached."""
     frame = None if frame is None else parse_name("The frame", frame)
     key = (frame, _array_bytes(offset_m), _array_bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})

@@ -28,7 +28,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
 
 Method = Callable[[Chain, Target, Vector, Options], Result]
-"""Takes chain, target, start (dof,) anywhere, and options; returns a result inside the limits."""
+"""Takes chain, target, start (dof,), also outside the limits, and options; the result is inside."""
 
 METHODS = ("bounded", "closed_form", "pseudo_inverse", "transpose", "ccd")
 """Names of the methods; the modules of all but the first are imported when first used."""
@@ -175,7 +175,7 @@ def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
 def _solve_drooping(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
-    """Return the target that a rigid arm must be given instead, and the solution for it."""
+    """Return the raised target that a rigid arm must be given, and the solution for it."""
     from ikservo.ik.droop import Droop  # noqa: PLC0415  # few arms need it
 
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
