@@ -30,12 +30,13 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     """Raise an error that explains a failed request if possible; send only pings and reads.
 
     Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
-    servos are silent, others may be on the line; searching for them takes up to two seconds.
+    servos are silent, servos with other ids may be on the line; the search for these takes up to
+    two seconds.
 
     Raises:
-        BadReplyError: Several servos reply at one id; all such ids are named.
-        ServoSilentError: Servos are silent and others were found; they are named.
-        PortLostError: The port is lost.
+        BadReplyError: Several servos reply at one id; all such ids are named. ServoSilentError:
+        Servos are silent, and servos with other ids were found; these are named. PortLostError: The
+        port is lost.
     """
     raise_on_duplicate_ids(bus)
     if not isinstance(error, ServoSilentError):
@@ -86,7 +87,7 @@ def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:
         ids = [i for i, servo in bus.servos.items() if servo.table.family in framing.families]
         if not ids:
             continue
-        unused_id = next(i for i in framing.ids if i not in ids)  # its reply is an echo
+        unused_id = next(i for i in framing.ids if i not in ids)  # the reply at this id is an echo
         pings = ping_ids(bus.port, framing, [unused_id, *(_PINGS * ids)])
         for servo_id in ids:
             odd = pings.junk or len(pings.frames.get(servo_id, ())) > _PINGS
@@ -109,7 +110,7 @@ _MAX_FOUND = 3  # servos checked closely; more would not change the message
 def find_unexpected_servos(
     port: Port, silent: Sequence[ServoSpec], known: Collection[int]
 ) -> list[FoundServo]:
-    """Find servos that may be the silent ones, first with the expected ids, then with any id.
+    """Find servos that may be the silent servos: first those with expected ids, then any others.
 
     ``known`` are the ids that should be on the line. The port keeps its rate.
 

@@ -78,7 +78,7 @@ def register_differences(
 def update_eeprom(
     bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
-    """Write EEPROM registers that differ from the given raw numbers; return the changes.
+    """Write the EEPROM registers that differ from given raw numbers; return the changes.
 
     Nothing is written if all are equal already, because EEPROM wears out. Afterwards every number
     is read back. The EEPROM is locked at the end, even after a failure, and even if an earlier run
@@ -189,7 +189,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 
 
 def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = None) -> list[Path]:
-    """Write a copy of the EEPROM of each servo that has no copy yet; return the new files.
+    """Write a copy of the EEPROM of each servo without a copy; return the new files.
 
     The owner is the arm's name or the serial number of the adapter; if empty, nothing is copied.
 
@@ -277,7 +277,7 @@ def _check_eeprom(
     eeprom: dict[str, int] = {}
     for register in registers:
         number = rows[register.name]
-        lower, upper = register.codec.span(register.size)  # some of these cannot be written
+        lower, upper = register.codec.span(register.size)  # some registers cannot be written
         if type(number) is not int or not lower <= number <= upper:
             where = f"eeprom.{register}"
             raise FileFormatError(

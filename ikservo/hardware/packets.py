@@ -16,7 +16,7 @@ class Status:
         servo_id: The sender.
         data: The parameters, exactly the requested number of bytes.
         alarm_bits: The alarms that the servo reports; the data are still valid.
-        ambiguous: Whether it cannot be distinguished from the reply to an earlier request.
+        ambiguous: Whether the packet cannot be distinguished from the reply to an earlier request.
     """
 
     servo_id: int
@@ -40,7 +40,7 @@ class ReplyFault:
     Attributes:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: The fault, as a predicate of the servo's name: "does not answer".
+        found: Text that follows the servo's name in a message: "does not answer".
         alarm_bits: The alarms reported by a servo that refuses.
         sent: The request.
         received: Everything that was received.

@@ -24,13 +24,13 @@ def named_port(name: str | None) -> str:
 
 
 def choose_port(name: str | None, arm: str = "") -> str:
-    """Return the port to use.
+    """Choose the port to use, and return it.
 
     The candidates, in this order, are: the named port; ``IKSERVO_PORT``; the adapter on which this
     arm was last found, known by its USB serial number; the only port, if there is only one.
 
     Raises:
-        NoPortError: There is no port, or more than one to choose from.
+        NoPortError: There is no port, or there are several ports to choose from.
     """
     named = named_port(name)
     if named:

@@ -14,15 +14,15 @@ from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Family
 
-_UNRESPONSIVE_AFTER = 3  # consecutive losses
+_UNRESPONSIVE_AFTER = 3  # consecutive lost replies
 _PROBE_PERIOD_S = 0.25
 
 
 class SilenceBackoff:
-    """Decides in which cycles a silent servo of a group is read.
+    """Decides in which cycles a silent servo in a group read is read.
 
-    A servo that has lost three consecutive replies is read again every quarter of a second, until
-    it replies; in between, its last fault is repeated.
+    A servo that has not replied three times in succession is read every quarter of a second until
+    it replies; in between, its last fault is reported again.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class SilenceBackoff:
         return bool(self._lost)
 
     def cached_fault(self, servo_id: int, now_s: float) -> ReplyFault | None:
-        """Return the last fault of a servo to skip now, or None if it is to be read."""
+        """Return the last fault of a servo that is skipped now; None if the servo is to be read."""
         if not self._lost or self._lost.get(servo_id, 0) < _UNRESPONSIVE_AFTER:
             return None
         if now_s - self._requested_s[servo_id] >= _PROBE_PERIOD_S:
@@ -166,8 +166,8 @@ class Requester:
     ) -> bytes:
         """Send one request, with retries.
 
-        A request that may not be repeated is sent only when no older reply can be mistaken for its
-        own. ``confirm`` checks a doubtful reply; errors name the ``request``.
+        A request that may not be repeated is sent only when no earlier reply can be mistaken for
+        the reply to it. ``confirm`` checks a doubtful reply; errors name the ``request``.
 
         Raises:
             BusError: There was no usable reply, or the servo refused.
@@ -228,7 +228,7 @@ class Requester:
         )
 
     def _diagnose_silence(self) -> str:
-        """Return a hint based on the latest replies of the other servos on the chain."""
+        """Return a hint that is based on the latest replies of the other servos on the cable."""
         requested = {i: counts for i, counts in self.statistics.items() if counts.requests}
         silent = [i for i, counts in requested.items() if counts.lost_in_a_row]
         replying = [i for i, counts in requested.items() if not counts.lost_in_a_row]
@@ -251,7 +251,7 @@ class Requester:
             reply.ambiguous or (self.port.health.suspect and confirm)
         ):
             return reply
-        if confirm is None:  # no way to compare: repeat when no reply is pending
+        if confirm is None:  # a second reading cannot confirm this: repeat when no reply is pending
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))
             return self._request_once(servo, exchange)
         if confirm(reply):

@@ -21,14 +21,14 @@ from ikservo.hardware.vendor_modules import importing_from
 with importing_from("pyserial", "serial"):
     from serial.tools import list_ports
 
-_PROCESSES = Path("/proc")  # Linux only; elsewhere no process is named
+_PROCESSES = Path("/proc")  # exists on Linux only; on other systems no process is named
 
 
 def process_using(device: str) -> str:
     """Return ``command (process 123)`` of a process that has the device open, or empty."""
     target = Path(device).resolve()
     for process in _PROCESSES.glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # another user's process, or it has just ended
+        with contextlib.suppress(OSError):  # the process is another user's, or has just ended
             if any(link.readlink() == target for link in (process / "fd").iterdir()):
                 return f"{_process_command(process)} (process {process.name})"
     return ""
@@ -44,8 +44,7 @@ def _process_command(process: Path) -> str:
 
 _BY_ID = Path("/dev/serial/by-id")  # Linux: links named after maker, product and serial number
 
-# fmt: off
-#        vendor  product  chip, and the boards it is known from
+# fmt: off vendor product chip, and boards that are known to have it
 _CHIPS = {
     (0x1A86, 0x55D3): "CH343 (Feetech, Waveshare)",
     (0x1A86, 0x55D4): "CH9102",
@@ -108,7 +107,7 @@ class AdapterEvent:
 def list_adapters() -> list[SerialAdapter]:
     """List the adapters that are plugged in, by device name."""
     links: dict[str, str] = {}
-    with contextlib.suppress(OSError):  # no such folder: no adapter, or not Linux
+    with contextlib.suppress(OSError):  # the folder does not exist: no adapter, or not Linux
         links = {str(link.resolve()): str(link) for link in _BY_ID.iterdir()}
     found = [
         SerialAdapter(
@@ -189,7 +188,7 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return ``hint``, which is about plugs and cables, or another hint for a pseudo-terminal."""
+    """Return ``hint``, which is about plugs and cables; for a pseudo-terminal, another hint."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (

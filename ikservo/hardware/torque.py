@@ -15,9 +15,9 @@ from ikservo.registers import ControlTable, Family, RegisterName
 def torque_on(bus: ServoBus, servo_id: int) -> int:
     """Switch a servo's torque on at its present position; return that tick.
 
-    Its goal is set there and read back before torque is switched on, because a joint that was moved
-    by hand would otherwise jump to an old goal. A joint slightly outside its servo's limits moves
-    back inside them.
+    The servo's goal is set to this position and read back before torque is switched on, because a
+    joint that was moved by hand would otherwise jump to an old goal. A joint slightly outside its
+    servo's limits moves back inside them.
 
     Raises:
         ServoAlarmError: The supply voltage is outside the servo's limits.
@@ -138,8 +138,8 @@ def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
     """Check that the servo's supply voltage is within the servo's own limits.
 
     Raises:
-        ServoAlarmError: The voltage is outside these limits.
-        BusError: The servo does not reply.
+        ServoAlarmError: The voltage is outside the servo's limits. BusError: The servo does not
+        reply.
     """
     voltage_v = bus.read(servo_id, RegisterName.PRESENT_VOLTAGE)
     lower_v = bus.read(servo_id, RegisterName.MIN_VOLTAGE_LIMIT)

@@ -58,7 +58,8 @@ class Dynamics:
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.
-        parameters: Ten parameters of each body (10 bodies,), in its frame: ``inertia.PARAMETERS``.
+        parameters: Ten parameters of each body (10 bodies,), in the body's frame:
+            ``inertia.PARAMETERS``.
         gravity_m_s2: The acceleration of a falling body (3,), in the base frame.
     """
 
@@ -83,7 +84,8 @@ class Dynamics:
 
         Args:
             chain: The joints.
-            masses: The masses of its links, in any order; those of one link add up.
+            masses: The masses of the chain's links, in any order; several masses of one link add
+                up.
             gravity_m_s2: Gravity (3,) in the base frame, downwards. It differs from (0, 0, -9.81)
                 for an arm that is mounted on a wall or under a ceiling.
 
@@ -113,7 +115,7 @@ class Dynamics:
     def with_parameters(self, parameters: ArrayLike) -> Dynamics:
         """Return the same arm with other parameters (10 bodies,), for example identified ones.
 
-        The parameters need not be those of real bodies: base parameters alone give the right
+        The parameters need not be possible for real bodies: base parameters alone give the right
         torques.
 
         Raises:

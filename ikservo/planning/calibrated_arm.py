@@ -46,7 +46,7 @@ _HINT = (
 
 
 class ZeroSource(Enum):
-    """Source of the zeros of an arm's joints."""
+    """The source from which the zeros of an arm's joints are known."""
 
     CALIBRATED = "this arm's own"
     VENDOR = "the maker's"
@@ -71,7 +71,7 @@ class ZeroSource(Enum):
     def check_small_steps(
         self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse motions of single joints longer than ``steps``, rad or m, if zeros are unknown.
+        """Refuse joint motions longer than ``steps``, by joint, rad or m, if the zeros are unknown.
 
         Raises:
             CalibrationError: A joint would move further than ``steps`` allows.
@@ -145,7 +145,7 @@ def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
 
 
 class CalibratedArm:
-    """The joints of the arm on a bus, with this arm's zeros and ranges.
+    """The joints of the arm on a bus, with the zeros and ranges of this particular arm.
 
     Attributes:
         zeros: The source of the zeros.
@@ -166,7 +166,7 @@ class CalibratedArm:
         joint_map = own.joint_map(joint.joint_map)
         if not own.extended:
             return joint_map
-        # A multi-turn servo may have started on another revolution than at calibration.
+        # A multi-turn servo may have started on another revolution than it was on at calibration.
         turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
         present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
         low, high = own.travel_ticks
@@ -220,7 +220,7 @@ def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
 
 
 def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -> Bending:
-    """Return the bending of a chain's links from a calibration; zero without a calibration."""
+    """Return the bending of a chain's links from a calibration; without one, zero bending."""
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
@@ -316,7 +316,7 @@ def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: Mod
 
 
 def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
-    """Limit a joint to one revolution if the arm file does not limit it."""
+    """Limit a joint to one revolution if the arm file gives it no limits."""
     if math.isfinite(limits.upper.value - limits.lower.value):
         return limits
     half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
@@ -354,7 +354,7 @@ def calibrated_model(model: Model) -> CalibratedModel:
         return CalibratedModel(model)
     newest = max(read, key=lambda path: read[path].written)
     calibration = read[newest]
-    # The chain to its own tip identifies the arm, whatever tip the given model has.
+    # The chain to the arm's own tip identifies the arm, whatever tip the given model has.
     check_calibration_matches(calibration, load_model(model.path), calibration.usb_serial_number)
     others = tuple(path for path in read if path != newest)
     chain, joints = own_chain(model, calibration), list(model.joints)

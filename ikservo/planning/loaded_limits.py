@@ -1,4 +1,4 @@
-"""Limits of joints under load: goals lead their joints and must not pass a limit."""
+"""Limits of joints under load: goals lead their joints, and no goal may pass a limit."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ikservo.model.joint_drive import ArmParameters
 
 # A goal that would be at most this far outside, rad or m, counts as a goal at the limit.
 _TOLERANCE = 0.003
-# Friction of a servo as a multiple of its model's, because servos of one model differ.
+# Friction of a servo as a multiple of the model's, because servos of one model differ.
 _STRONGEST_FRICTION = 1.5
-# A joint that travels less along a path, rad or m, is at rest; less is rounding of the solver.
+# A joint that travels less along a path, rad or m, is at rest; its travel is the solver's rounding.
 _REST_TRAVEL = 0.001
 
 
@@ -22,7 +22,8 @@ def limits_under_load(
     """Return a chain with limits that leave room for the lead of goals along a path.
 
     Each limit is moved inwards by the largest lead among the goals that would pass it. Without
-    ``friction``, there is room for weight only. Joints (k, dof) are in rad or m.
+    ``friction``, the limits leave room for the effect of weight only. Joints (k, dof) are in rad or
+    m.
 
     Returns:
         The chain; None if no goal would pass a limit.
@@ -43,10 +44,10 @@ def limits_under_load(
 
 
 def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) -> Matrix:
-    """Compute the lead of goals over slow joints against gravity and friction, rad or m.
+    """Compute the lead that goals need over slow joints against gravity and friction, rad or m.
 
     Positions and directions are (k, dof); a direction is a multiple of the friction in the model:
-    1, -1, or 0 for none.
+    1, -1, or 0 for no friction.
     """
     torques = parameters.dynamics.gravity_torques(joints)
     leads = np.zeros_like(torques)

@@ -65,8 +65,9 @@ class MotionPlan:
         cartesian_s: Duration of these lines or arcs, which end the trajectory.
         tool_speed: The speed of the tip along lines or arcs; None if none was requested.
         via_pose: The intermediate retract pose; empty if the path is direct.
-        around: The contact on the straight path that this path avoids; empty if there is none.
-        kept: Description of the tool constraint and of how much of it is used.
+        around: The contact on the straight path that this path avoids; empty if the path is
+            straight.
+        kept: Description of the tool constraint, and of how much of it the path uses.
         clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
             infinite if paths are not checked.
         planning_s: The time that planning took.
@@ -203,7 +204,7 @@ def near_limits(
 
 
 # Times at top speed that cover a difference from the start.
-_STEP_S = 0.005  # a tick or two, which the guard passes as one step
+_STEP_S = 0.005  # a tick or two, which the guard lets pass as one step
 # The sag of a limp arm between planning and moving: an elbow of XL330 that falls freely sags by
 # 5.5°, or 0.22 s of its planned top speed.
 _SAG_TOLERANCE_S = 0.25
@@ -214,9 +215,9 @@ def rebase_trajectory(
 ) -> Trajectory:
     """Return the plan's trajectory, starting from the goals (n,) that the servos hold.
 
-    The goals equal the plan's start within a tick, or lie slightly inside if a limp joint was
-    outside its limits. A joint motion then starts from the goals; a line is preceded by a
-    motion to its start.
+    The goals equal the plan's start within a tick, or are slightly inside the limits if a limp
+    joint was outside. A joint motion then starts from the goals; a line is preceded by a motion to
+    its start.
 
     Raises:
         RefusedError: The arm has moved since the plan was made, or the plan belongs to another arm.
@@ -240,7 +241,7 @@ def rebase_trajectory(
 
 
 def has_moved(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> bool:
-    """Check whether the goals (n,) are further than a tick or two from the start of a plan."""
+    """Check whether the goals (n,) are more than a tick or two from the start of a plan."""
     return bool(_time_apart_s(plan, goals, limits).max() > _STEP_S)
 
 

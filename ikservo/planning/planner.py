@@ -56,7 +56,7 @@ from ikservo.planning.tool_speed import ToolSpeed, sample_times_s, tool_speed_be
 
 
 def unreachable_error(target: Target, solution: Result) -> UnreachableError:
-    """Return an UnreachableError with the reachable point nearest to a target."""
+    """Return an UnreachableError that contains the reachable point nearest to a target."""
     return UnreachableError(
         target.position.tolist(),
         solution.nearest_m.tolist(),
@@ -64,14 +64,14 @@ def unreachable_error(target: Target, solution: Result) -> UnreachableError:
     )
 
 
-# No joint moves further, even over many revolutions.
+# Longest motion of a joint, even over many revolutions.
 _MAX_JOINT_STEP_RAD = 1000.0
-# Checks sample a motion at equal intervals: a longer one would take minutes and all memory.
+# Checks sample a motion at equal intervals: a longer motion would take minutes and all memory.
 _LONGEST_S = 3600.0
 # Top speed of the tip on a line; safety standards call 0.25 m/s reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
-_STARTS = 24  # random starts to solve a point
-_MISSES = 4  # after this many failures and no success the other starts are left out
+_STARTS = 24  # number of random starts to solve for a point
+_MISSES = 4  # after this many failures without a success, the remaining starts are left out
 _SAME_GOAL = 0.05  # solutions that differ by less are the same, rad or m
 # Fraction of a blend at which a waypoint is passed; see ``BlendedPath``.
 _PASSED = 0.375
@@ -281,13 +281,13 @@ class Planner:
         stance: ToolOrientation,
         tool: ConstrainedTool | None = None,
     ) -> list[PointGoal]:
-        """Solve all joints (n,) with the tip at a point (3,) [m] from many starts.
+        """Find all joints (n,) with the tip at a point (3,) [m], by solving from many starts.
 
         If ``tool`` is constrained, the solutions are inside its limits.
 
         Returns:
-            Distinct solutions: first the one found from ``start`` (n,), then the others by
-            distance; empty if there is none.
+            Distinct solutions: first the solution found from ``start`` (n,), then the others by
+            their distance from it; empty if there is no solution.
         """
         target, q0 = Target(position_m), self._index.chain_joints(start)
         if stance.keep:
@@ -363,7 +363,7 @@ class Planner:
         )
 
     def dynamic_load_factor(self, speed: str) -> float:
-        """Compute the load while braking at a speed class, in multiples of the arm's weight."""
+        """Compute the load on a braking arm at a speed class, as a multiple of the arm's weight."""
         reach_m = max(
             float(np.linalg.norm(self._chain.forward(self._model.chain_pose(pose))[:2, 3]))
             for pose in self._model.poses
@@ -405,7 +405,7 @@ class Planner:
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
-        """Return the kinematic limits of each joint, derived from the horn for a prismatic one.
+        """Return the kinematic limits of each joint; a prismatic joint's come from its horn.
 
         In every speed class, the speed of a joint is limited so that it travels at most
         ``guard.MAX_TRAVEL_RAD`` after the last goal.
@@ -431,7 +431,7 @@ class Planner:
     def _solve_variation(
         self, target: Target, wanted: ToolOrientation, stance: ToolOrientation, q: Vector
     ) -> Result | None:
-        """Solve for ``wanted``, an orientation that ``stance`` allows; None without a solution."""
+        """Solve for ``wanted``, an orientation that ``stance`` allows; None if this fails."""
         try:
             solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
             if wanted is not stance:

@@ -50,7 +50,7 @@ class _PoseFile(StrictModel):
 
 
 class PoseLibrary:
-    """The poses of one arm: from its arm file, and taught poses."""
+    """The poses of one arm: those in its arm file, and taught poses."""
 
     def __init__(self, model: Model, usb_serial_number: str) -> None:
         self._model, self.path = model, pose_path(model.name, usb_serial_number)
@@ -160,7 +160,7 @@ def teach(
     """Save the measured joints as a pose; see ``Arm.teach``."""
     check_callable("until", until)
     poses.check_name(name)
-    poses.user_poses()  # finds a malformed file before the arm is moved by hand
+    poses.user_poses()  # this finds a malformed file before the arm is moved by hand
     if until is not None:
         if any(state.torque for state in context.servos.read_states()):
             relax()
@@ -213,8 +213,8 @@ def clamp_positions(
 
     A clamped joint stays inside its limit by the distance at which friction may stop it. Other
     joints keep their positions (rad or m), and a joint that is beyond its limit at ``start`` (n,)
-    need not move inside. Joints that are further beyond than ``max_rad``, as an angle of the horn,
-    are not clamped; the guard refuses them.
+    need not move inside. Joints that are further beyond a limit than ``max_rad``, as an angle of
+    the horn, are not clamped; the guard refuses them.
     """
     clamped, changed = dict(positions), list[str]()
     for driven, at in zip(driven_joints, start.tolist(), strict=True):
@@ -230,7 +230,7 @@ def clamp_positions(
         if inside != requested and beyond_rad <= max_rad:
             clamped[driven.joint] = inside
             goes_to, asked = joint_map.format(inside), joint_map.format(requested)
-            if goes_to != asked:  # otherwise it is rounding
+            if goes_to != asked:  # a smaller change is rounding
                 limit = driven.limits.upper if requested > inside else driven.limits.lower
                 why = f"its limit is {joint_map.format(limit.value)} ({limit.source})"
                 changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}, because {why}")

@@ -51,8 +51,8 @@ from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 _PRESSING_LAG_RAD = 0.05
 # If the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
-_EXITS = 3  # starts for paths around things
-_NEARBY = 300  # postures tried to find these starts
+_EXITS = 3  # most start postures for paths around obstacles
+_NEARBY = 300  # most postures that are tried to find these
 # These fractions of the line from the nearest point back to the tip are suggested.
 _STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 
@@ -61,7 +61,7 @@ _STEPS_UP_M = (0.0, 0.03, 0.06, 0.1)
 
 
 class MotionStart(Protocol):
-    """The start of a motion and its allowed speed; ``MotionRunner`` provides the present ones."""
+    """The start and the allowed speed of a motion; ``MotionRunner`` provides those of the arm."""
 
     def start_position(self) -> Vector:
         """Return the start (n,), rad or m."""
@@ -106,8 +106,8 @@ class _MotionRequest:
     Attributes:
         motion: The motion.
         start: The joints (n,) from which it starts, rad or m.
-        allowed: The speed class in which it may run now.
-        arm: The arm with the surroundings that it had when the plan was requested.
+        allowed: The speed class in which the motion may run now.
+        arm: The arm, with its surroundings at the time when the plan was requested.
     """
 
     motion: TipMotion | MoveJoints | LookAt
@@ -206,7 +206,7 @@ class PreflightPlanner:
             raise
 
     def _plan_to_point(self, request: _MotionRequest, motion: MoveTo) -> MotionPlan:
-        """Plan a motion to a point; if that is impossible, name a point that would be accepted."""
+        """Plan a motion to a point; if none is possible, name a point that would be accepted."""
         try:
             return self._plan_tip(request)
         except OrientationError:
@@ -403,10 +403,10 @@ class PreflightPlanner:
     def _tries(
         self, request: _MotionRequest, goal: Vector, error: RefusedError
     ) -> Iterator[MotionPlan]:
-        """Yield collision-free plans that avoid obstacles or leave a contact first.
+        """Yield collision-free plans that avoid obstacles, or that first leave a contact.
 
-        An arm that touches something leaves the contact first. Other remedies are added to the hint
-        of ``error``.
+        An arm that touches something leaves the contact first. Other remedies, if any, are added to
+        the hint of ``error``.
         """
         touches = request.arm.clearance_m(request.start) < 0.0
         blocked = error if isinstance(error, BlockedError) else None
@@ -514,9 +514,9 @@ class PreflightPlanner:
                 yield self._check_clear(leaving, self._plan_directly(leaving))
 
     def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
-        """Yield motions out of a contact, with their final retract poses ("" for none).
+        """Yield motions out of a contact, each with the retract pose where it ends, or with "".
 
-        The first one moves only as far as needed to touch nothing.
+        The first motion goes only as far as needed to touch nothing; it has no retract pose.
         """
         from ikservo.planning.ways_around import RETRACT_POSES  # noqa: PLC0415
 

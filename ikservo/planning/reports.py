@@ -148,8 +148,8 @@ class MoveResult:
 
     Attributes:
         target_m: The requested point (3,), metres, base frame.
-        commanded_tip_m: The tip at the solver's joints (3,).
-        measured_tip_m: The tip at the measured joints (3,).
+        commanded_tip_m: The tip (3,) at the solver's joints.
+        measured_tip_m: The tip (3,) at the measured joints.
         error_m: Distance from the target to the measured tip.
         duration_s: Time from the first goal to rest.
         reached: Whether the error is within the arm's tolerance.
@@ -196,7 +196,7 @@ class JointMoveResult:
     Attributes:
         goal_rad: The requested joint goals.
         measured_rad: The measured positions of these joints.
-        measured_tip_m: The tip at the measured joints (3,).
+        measured_tip_m: The tip (3,) at the measured joints.
         error_rad: The largest error of a joint.
         duration_s: Time from the first goal to rest.
         reached: Whether every joint is within its tolerance.
@@ -231,8 +231,8 @@ class GraspResult:
         reached: Whether the jaws are at their goal.
         position_rad: The position of the gripper's joint, rad or m.
         width_m: The distance between the jaws; None if the arm file has no widths.
-        load_percent: The load of the servo, in percent of its torque or current.
-        force: The fraction of its torque that the servo may use.
+        load_percent: The load of the servo, in percent of its maximum torque or current.
+        force: The fraction of its maximum torque that the servo may use.
         duration_s: The duration of the motion.
     """
 

@@ -1,4 +1,4 @@
-"""Plan the slow motion of joints that are a little outside their limits back inside."""
+"""Plan the slow motion back inside for joints that are a little outside their limits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion import JointMove, Trajectory
 from ikservo.planning.context import ArmContext
 
-# At the horn: a limp arm sinks so far past a limit, as end stops are 2° outside calibrated limits.
+# At the horn: a limp arm may sink this far past a limit, as end stops are 2° outside calibrated
+# limits.
 _MAX_RETURN_RAD = math.radians(5.0)
 _HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo pose home."
 

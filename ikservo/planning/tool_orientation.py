@@ -27,7 +27,7 @@ class ToolOrientation:
     Without a constraint, the tool keeps its orientation as well as the arm can: arms with six
     joints keep the complete orientation; arms with four or five joints keep pitch, then roll, in
     the plane that their first joint rotates. A constraint must be met within half a degree, or
-    within ``within_rad``; this tolerance is used only if something is in the way.
+    within ``within_rad``; the arm uses this tolerance only if something is in the way.
 
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
@@ -150,10 +150,10 @@ KEEP_BEST_EFFORT = ToolOrientation()
 
 
 def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
-    """Check and return the constraint; a complete orientation (3, 3) may be given instead.
+    """Check and return the constraint; it may be given as a complete orientation (3, 3).
 
     Raises:
-        BadValueError: The value is not a ``ToolOrientation``, or both are given.
+        BadValueError: The value is not a ``ToolOrientation``, or two constraints are given.
     """
     if not isinstance(stance, ToolOrientation):
         raise BadValueError(
@@ -165,7 +165,7 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
 MAX_HEADING_ITERATIONS = 6
 """Number of updates of the tool's heading from the solution."""
 
-KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4  # a smaller error, or change of the heading, is converged
+KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4  # below it, the error or change of the heading has converged
 POSITION_TOLERANCE_M = 1e-5  # a larger error of the tip means that the point is out of reach
 
 
@@ -197,9 +197,9 @@ def keep_orientation(chain: Chain, target: Target, start: Vector, plain: Result)
 
 # Few restarts: most of these problems have no exact solution, and each restart fails.
 _RESTARTS = 20
-_NOWHERE_M = 1e-6  # nearer to the base axis a direction has no heading
+_NOWHERE_M = 1e-6  # a direction nearer to the base axis has no heading
 _UPRIGHT = 0.99  # cosine: a first joint this close to vertical turns the heading
-_POSE_DOF = 6  # joints for any orientation at a point
+_POSE_DOF = 6  # number of joints that an arm needs for any orientation at a point
 
 
 class OrientationSolver:
@@ -213,7 +213,7 @@ class OrientationSolver:
         self._first = chain.forward(start)[:3, :3]
 
     def candidates(self, plain: Result) -> Iterator[Result]:
-        """Yield solutions, starting with those near the unconstrained one."""
+        """Yield solutions, beginning with those near the unconstrained solution."""
         whole = self._target_rotation()
         if whole is not None:
             yield from self._solve_target(whole, plain.q)
@@ -299,7 +299,7 @@ class OrientationSolver:
         yield from self._solve_target(R, q)
 
     def _solve_pitch(self, heading_rad: float, pitch_rad: float, q: Vector) -> Iterator[Result]:
-        """Yield solutions with a pitch, each with the heading of the previous one."""
+        """Yield solutions with a pitch, each with the heading of the previous solution."""
         for _ in range(MAX_HEADING_ITERATIONS):
             if self._stance.roll_rad is None:
                 desired = direction_from_angles(heading_rad, pitch_rad)

@@ -10,10 +10,10 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import Trajectory
 
-_STEP_S = 0.005  # between two samples; longer in motions of minutes, to limit planning time
+_STEP_S = 0.005  # time between two samples; longer in motions of minutes, to limit planning time
 _MIN_SAMPLES = 200  # fewest samples of a motion
 _MAX_SAMPLES = 20_000  # most samples of a motion
-# Speeds that differ by less are equal, because even slight corners are passed slower.
+# Speeds that differ by less count as equal, because the tip slows down even at slight corners.
 _SAME = 0.02
 _SHORT_OR_BENT = "acceleration and jerk of the joints on a path this short or curved"
 

@@ -25,13 +25,13 @@ MARGINS_M = (0.01, 0.003, 0.0003)
 RETRACT_POSES = ("home", "rest")
 """Retract poses to try, in this order; every arm file has them."""
 
-_EFFORT = 1000  # postures checked for a clearance before the next one; doubles in each round
-_WIDE_EFFORT = 500  # the same for the largest clearance: if it is possible, a path is found soon
+_EFFORT = 1000  # postures checked with one clearance before the next; doubles in each round
+_WIDE_EFFORT = 500  # the same for the largest clearance: if a path with it exists, it is found soon
 _WIDE_ROUNDS = 2  # rounds after which the largest clearance is left out
 
-_TRIED = 20000  # postures around a contact
-_AROUND_RAD = 2.5  # largest offset of a joint in them, rad or m
-_MOVING = 0.6  # fraction of the joints that move
+_TRIED = 20000  # number of postures to try around a contact
+_AROUND_RAD = 2.5  # largest offset of a joint in these postures, rad or m
+_MOVING = 0.6  # fraction of the joints that are offset
 
 
 def ways_around(
@@ -46,7 +46,7 @@ def ways_around(
 ) -> Iterator[Matrix]:
     """Yield paths around obstacles: postures (k, n) connected by straight joint motions.
 
-    All joints at the start (n,) are collision-free; goals (m, n) are possible ends. With
+    The start (n,) is collision-free; the goals (m, n) are possible ends of the path. With
     ``takes_time``, a path is shortened until ``is_over``, which is called often, ends the search.
 
     Yields:
@@ -131,7 +131,8 @@ def via_pose_plan(
 ) -> MotionPlan:
     """Return a plan that moves to a pose, stops there, and continues from it.
 
-    The change of orientation is that from the start of ``first`` to the goal of ``then``.
+    The plan's change of orientation is measured from the start of ``first`` to the goal of
+    ``then``.
     """
     return replace(
         then,
