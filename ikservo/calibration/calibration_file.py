@@ -136,10 +136,10 @@ def dump_calibration(calibration: Calibration) -> str:
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
-    for joint in tables["joints"]:  # a rigid joint keeps the format of old files
+    for joint in tables["joints"]:  # for a rigid joint, the format of old files is kept
         for name in [name for name in ("compliance", "play_deg") if joint[name] == 0.0]:
             del joint[name]
-    if not tables["cameras"]:  # keeps the format of old files
+    if not tables["cameras"]:  # then the format of old files is kept
         del tables["cameras"]
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
@@ -171,7 +171,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
 
 
 def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
-    """Convert tables for the TOML writer: tuples become lists, and empty tuples are left out."""
+    """Convert tables for the TOML writer: tuples become lists; empty tuples are left out."""
     if isinstance(value, Mapping):
         rows = cast("Mapping[str, Any]", value)
         return {key: _plain_tables(item) for key, item in rows.items() if item != ()}
@@ -235,10 +235,10 @@ def restore_calibration(path: Path) -> Calibration:
 
 
 def replace_calibration(path: Path, text: str) -> None:
-    """Write the file; a sound previous one is kept as .bak, a damaged one as .damaged.
+    """Write the file; a valid previous file is kept as .bak, a damaged one as .damaged.
 
     Raises:
-        FileWriteError: The file cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous file is unchanged.
     """
     with exclusive_access(path):
         write_atomic(path, text, keep_old=path.exists() and not _keep_damaged(path))
@@ -256,11 +256,12 @@ def _keep_damaged(path: Path) -> bool:
 
 
 def undo_calibration(path: Path) -> Calibration:
-    """Exchange the present calibration of an arm with the previous one.
+    """Exchange the present calibration of an arm with the previous calibration.
 
     Raises:
         FileFormatError: There is no previous calibration, or one of the two is damaged.
-        InputError: Registers in the servos differ between the two, and a file cannot restore them.
+        InputError: Registers in the servos differ between the two calibrations, and a file cannot
+            restore them.
         FileWriteError: The files cannot be written.
     """
     backup = backup_path(path)
@@ -279,10 +280,10 @@ def undo_calibration(path: Path) -> Calibration:
 
 
 def save_calibration(calibration: Calibration) -> Path:
-    """Write a calibration to its file; the previous one is kept as a backup.
+    """Write a calibration to its file; the previous file is kept as a backup.
 
     Raises:
-        FileWriteError: The file cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous file is unchanged.
     """
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
     replace_calibration(path, dump_calibration(calibration))

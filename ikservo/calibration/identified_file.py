@@ -95,7 +95,7 @@ def read_identified(path: Path) -> IdentifiedArm:
 
 
 def load_identified(arm: str, usb_serial_number: str) -> IdentifiedArm | None:
-    """Load the identification of an arm on an adapter, or None if it was not identified.
+    """Load the identification of an arm on an adapter; None if the arm was not identified.
 
     Raises:
         FileFormatError: The file is damaged.
@@ -105,10 +105,10 @@ def load_identified(arm: str, usb_serial_number: str) -> IdentifiedArm | None:
 
 
 def save_identified(identified: IdentifiedArm) -> Path:
-    """Write the file of an identified arm; the previous one is kept as a backup.
+    """Write the file of an identified arm; the previous file is kept as a backup.
 
     Raises:
-        FileWriteError: The file cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous file is unchanged.
     """
     path = identified_path(identified.arm, identified.usb_serial_number)
     write_atomic(path, dump_identified(identified), keep_old=True)

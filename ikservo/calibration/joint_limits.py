@@ -55,7 +55,7 @@ class Limits:
         return cls(joint, Limit(lower, source), Limit(upper, source), unit)
 
     def intersect(self, other: Limits) -> Limits:
-        """Return the range inside both; if values are equal, the first source is kept.
+        """Return the range inside both limits; if values are equal, the first source is kept.
 
         Raises:
             CalibrationError: The intersection is empty; the error names both limits.
@@ -82,7 +82,7 @@ class Limits:
 
 
 def limit_distance(position: float, lower: float, upper: float) -> float:
-    """Compute the distance to the nearer limit; negative outside, infinite if there is none."""
+    """Compute the distance to the nearer limit; negative outside, infinite if there is no limit."""
     return min(position - lower, upper - position)
 
 

@@ -79,7 +79,7 @@ def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
 
 
 def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
-    """Format the text as LeRobot does: indent 4, no newline at the end."""
+    """Format the file's text as LeRobot does: indent 4, no newline at the end."""
     table = {joint.name: {key: getattr(joint, key) for key in _KEYS} for joint in joints}
     return json.dumps(table, indent=4)
 

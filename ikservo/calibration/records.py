@@ -34,7 +34,7 @@ Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
-# Larger corrections indicate another arm, because no tolerance is so large.
+# Larger corrections indicate another arm, because no manufacturing tolerance is so large.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
 Rotation = Annotated[float, Field(ge=-20.0, le=20.0)]
 _MOVE, _ROTATION = "[x, y, z] in mm, each at most ±50", "[x, y, z] in degrees, each at most ±20"
@@ -147,7 +147,7 @@ class TipClick(StrictModel):
 
 
 _Pixels = Annotated[int, Field(ge=1, le=100_000)]
-_FocalLength = Annotated[float, Field(gt=0)]  # a negative one would mirror each click
+_FocalLength = Annotated[float, Field(gt=0)]  # a negative value would mirror each click
 
 
 class CalibratedCamera(StrictModel):
@@ -290,7 +290,7 @@ def shift_zeros(
 ) -> tuple[CalibratedJoint, ...]:
     """Return joints with positions increased by ``zeros`` (dof,), except joints without a map.
 
-    The end stops do not move, nor do the user's limits, which are positions in the geometry.
+    End stops stay where they are, and so do the user's limits, which are positions in the geometry.
     """
     shifts = {m.joint: (m, float(zero)) for m, zero in zip(maps, zeros, strict=True)}
     shifted = list(joints)

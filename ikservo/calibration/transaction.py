@@ -1,8 +1,8 @@
 """Write a calibration to servos and file as one journaled transaction, all or nothing.
 
 The journal is on disk before the first servo is written, and is removed after the file is written.
-It contains both states, so that a later run can find out from the servos which were written, and
-finish or undo the transaction.
+It contains the old and the new numbers, so that a later run can find out which servos were written,
+and finish or undo the transaction.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ class Journal(StrictModel):
         old_text: The old content of the file; empty if there was none.
         new_text: The new content of the file.
         changes: The changes by servo, in the order of writing.
-        temporary: Whether the new numbers only serve a search for end stops, and are never kept.
+        temporary: Whether the new numbers only serve a search for end stops and are undone after
+            it.
     """
 
     format: Literal[1] = Field(description="1")
@@ -121,12 +122,13 @@ def commit(
     *,
     temporary: bool = False,
 ) -> None:
-    """Write servos and file in one transaction; after a failure both are restored.
+    """Write servos and file in one transaction; after a failure, restore both.
 
-    If this transaction fails, the changes of an earlier temporary one are undone too.
+    If this transaction fails, the changes of an earlier temporary transaction are undone, too.
 
-    An empty text means no file. A ``temporary`` transaction only serves a search for end stops: the
-    text is ignored, and the journal stays until ``roll_back`` or the next ``commit``.
+    An empty text means that there is no file. A ``temporary`` transaction only serves a search for
+    end stops: the text is ignored, and the journal stays until ``roll_back`` or the next
+    ``commit``.
 
     Raises:
         CalibrationError: Writing failed and could not be undone; the message says how to continue.
@@ -144,12 +146,12 @@ def commit(
     try:
         write_atomic(journal_path, dump_journal(journal))
         _write_servos(bus, journal)
-    except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
+    except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # also after SIGTERM
         try:
             _restore_servos(bus, journal)
         except IkservoError:
             raise _unfinished_error() from error
-        with contextlib.suppress(FileWriteError):  # a remaining journal contains no changes
+        with contextlib.suppress(FileWriteError):  # a journal that stays contains no changes
             remove_durably(journal_path)
         raise
     if not temporary:
@@ -183,21 +185,22 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 
 
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
-    """Recover an interrupted transaction if that needs no write to a servo.
+    """Complete or undo an interrupted transaction if that is safe without asking the user.
 
-    A temporary transaction is undone if the torque of its servos is off.
+    If all servos or no servos were changed, only the file is written. A temporary transaction is
+    undone if the torque of its servos is off.
 
     Args:
         bus: The servos.
         journal_path: The journal.
-        calibrating: Whether the caller calibrates the arm and itself undoes what remains.
+        calibrating: Whether the caller calibrates the arm, and undoes the remaining changes itself.
 
     Returns:
         Text for the user about what was done; empty if there was nothing to do.
 
     Raises:
-        CalibrationError: Only some servos are changed, or servos with torque are changed for a
-            search; the message says how to continue.
+        CalibrationError: Only some of the servos were changed, or a search for end stops has
+            changed servos whose torque is on; the message says how to continue.
     """
     journal = _find_interrupted(bus, journal_path)
     if journal is None:

@@ -69,7 +69,7 @@ def with_retries(clock: Clock, access: Callable[[], None]) -> None:
     return access()
 
 
-_MAX_LOST = 3  # cycles in a row
+_MAX_LOST = 3  # number of consecutive cycles
 
 
 class Feedback:
@@ -252,7 +252,7 @@ def read_joint_states(
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
-    """Read a servo's alarms by name, because replies may only flag that there is an alarm."""
+    """Read the names of a servo's alarms, because replies may only flag that there is an alarm."""
     if not bus.alarms.get(servo_id):
         return ()
     with contextlib.suppress(BusError):

@@ -20,7 +20,7 @@ class StillnessDetector:
         window_s: Time during which nothing may move.
         tolerance: The largest variation of positions that counts as rest.
         least_readings: Minimum number of readings before rest can be detected.
-        readings: Times and positions within the window, and the last reading before it.
+        readings: Times and positions within the window, and the last reading before the window.
     """
 
     window_s: float = _WINDOW_S

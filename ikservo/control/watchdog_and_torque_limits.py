@@ -1,4 +1,4 @@
-"""Limits in servo RAM (profile, torque, watchdog), whose loss reveals a reset."""
+"""Limits in servo RAM (profile, torque, watchdog); if they are lost, the servo was reset."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
 
 
 def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Register] | None:
-    """Return the RAM register that limits a servo's torque, and the register of its maximum.
+    """Return the RAM register that limits a servo's torque, and the register with its maximum.
 
     Feetech STS and older Dynamixel have a torque limit in RAM. Dynamixel X limits its current by
     the goal current in current-based position mode, and otherwise its duty by the goal PWM. The
@@ -72,7 +72,7 @@ _DYNAMIXEL_TIME_S = 2.0  # time until the servo protects itself
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
-    """Read the overload protection of a servo with this share of the motor table's gain, if any.
+    """Read a servo's overload protection, if any, at this share of the motor table's gain.
 
     Raises:
         BusError: The servo does not answer.
@@ -108,10 +108,10 @@ def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
 _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
 _COARSE_SPEED = 50  # ticks/s per count if the table's fine_speed_bit is clear
 
-# Servos use no ramps of their own: they would brake for each goal of a stream, lag it by v² / 2a,
-# and run on longer by that distance after the last goal.
+# Servos use no ramps of their own: they would brake for each goal of a stream, lag the stream by v²
+# / 2a, and run on further by that distance after the last goal.
 _NO_RAMP = 0
-_SPEED_MARGIN = 1.2  # a joint that lags may catch up
+_SPEED_MARGIN = 1.2  # a factor above 1, so that a joint that lags may catch up
 
 _WATCHDOG_COUNTS = 5  # time-out of the watchdog in counts of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
@@ -124,8 +124,8 @@ class ServoRamLimits:
         bus: The servo bus.
         servo_ids: The servos to which goals are sent.
         unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
-            its position, and from there a joint under load sinks further than it would move to its
-            last goal.
+            its position, and a joint under load then sinks further than it would move to its last
+            goal.
     """
 
     def __init__(
@@ -265,7 +265,7 @@ class ServoRamLimits:
     def _limit_speed(self, servo_id: int, speed_rad_s: float) -> None:
         table = self._servo_spec(servo_id).table
         speed = table.find(RegisterName.PROFILE_VELOCITY)
-        if servo_id not in self._time_based:  # another joint alone was prepared
+        if servo_id not in self._time_based:  # only another joint was prepared
             self._time_based[servo_id] = self._read_time_based(servo_id)
         if self._time_based[servo_id]:  # the register is a duration; 0 disables the profile
             self._write_limit(servo_id, speed, 0)
@@ -279,7 +279,7 @@ class ServoRamLimits:
             fine = phase & table.fine_speed_bit
             counts = counts if fine else -(-counts // _COARSE_SPEED)
         elif speed.to_value(counts) * _SPEED_MARGIN < speed_rad_s:
-            counts += 1  # a coarse unit must not slow the motion
+            counts += 1  # rounded up, because a coarse unit must not slow the motion
         self._write_limit(servo_id, speed, min(max(1, counts), speed.range[1]))
 
     def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:

@@ -34,9 +34,9 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     two seconds.
 
     Raises:
-        BadReplyError: Several servos reply at one id; all such ids are named. ServoSilentError:
-        Servos are silent, and servos with other ids were found; these are named. PortLostError: The
-        port is lost.
+        BadReplyError: Several servos reply at one id; all such ids are named.
+        ServoSilentError: Servos are silent, and servos with other ids were found; these are named.
+        PortLostError: The port is lost.
     """
     raise_on_duplicate_ids(bus)
     if not isinstance(error, ServoSilentError):

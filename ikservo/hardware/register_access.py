@@ -120,8 +120,8 @@ class RegisterAccess:
         A goal position is written only if torque is on, or in a block of ``enabling``.
 
         Raises:
-            RegisterAccessError: The register forbids the write; nothing was sent. BusError: The
-            servo refused, or sent no usable reply after retries.
+            RegisterAccessError: The register forbids the write; nothing was sent.
+            BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)
         register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
@@ -176,8 +176,8 @@ class RegisterAccess:
         """Prepare a write that ``action`` executes; never repeated after a lost reply.
 
         Raises:
-            RegisterAccessError: The register forbids the write; nothing was sent. BusError: The
-            servo refused, or sent no usable reply.
+            RegisterAccessError: The register forbids the write; nothing was sent.
+            BusError: The servo refused, or sent no usable reply.
         """
         servo = self._require_servo(servo_id)
         register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)

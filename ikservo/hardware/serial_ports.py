@@ -44,7 +44,8 @@ def _process_command(process: Path) -> str:
 
 _BY_ID = Path("/dev/serial/by-id")  # Linux: links named after maker, product and serial number
 
-# fmt: off vendor product chip, and boards that are known to have it
+# fmt: off
+#        vendor  product  chip, and boards that are known to have it
 _CHIPS = {
     (0x1A86, 0x55D3): "CH343 (Feetech, Waveshare)",
     (0x1A86, 0x55D4): "CH9102",

@@ -138,8 +138,8 @@ def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
     """Check that the servo's supply voltage is within the servo's own limits.
 
     Raises:
-        ServoAlarmError: The voltage is outside the servo's limits. BusError: The servo does not
-        reply.
+        ServoAlarmError: The voltage is outside the servo's limits.
+        BusError: The servo does not reply.
     """
     voltage_v = bus.read(servo_id, RegisterName.PRESENT_VOLTAGE)
     lower_v = bus.read(servo_id, RegisterName.MIN_VOLTAGE_LIMIT)

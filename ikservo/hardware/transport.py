@@ -224,8 +224,9 @@ def open_transport(name: str, baud_rate: int) -> Transport:
 
     Raises:
         InputError: A plug-in cannot use the text after its name: its function raises a ValueError.
-        NoPortError: There is no such port. PortBusyError: Another program has it open. PortError:
-        The port may not be opened.
+        NoPortError: There is no such port.
+        PortBusyError: Another program has it open.
+        PortError: The port may not be opened.
     """
     if not name:
         raise NoPortError("", list_devices())

@@ -70,8 +70,8 @@ class Chain:
 
         Raises:
             InputError: No joint on the path to the tip moves, or followers leave a joint without a
-            range. UnknownNameError: ``tip`` is not connected to ``base``, or a mimic's leader is
-            missing.
+                range.
+            UnknownNameError: ``tip`` is not connected to ``base``, or a mimic's leader is missing.
         """
         paths = joints_to_each_link(joints, base)
         if tip not in paths:

@@ -27,7 +27,7 @@ class Gripper:
     Attributes:
         joint: The name of this joint.
         closed: The position at which the jaws meet, rad or m; the end of its range on that side.
-        open: The position at which they are furthest apart.
+        open: The position at which the jaws are furthest apart.
         widths: Pairs of a position [rad or m] and the distance between the jaws there [m], sorted
             by position and interpolated linearly; empty if not measured.
     """
@@ -38,7 +38,7 @@ class Gripper:
     widths: tuple[tuple[float, float], ...] = ()
 
     def width_m(self, position: float) -> float | None:
-        """Compute the distance between the jaws at a position, metres; None if unknown."""
+        """Compute the distance between the jaws at a position, metres; None if it is unknown."""
         if not self.widths:
             return None
         positions, widths_m = zip(*self.widths, strict=True)
@@ -115,7 +115,7 @@ class ModelJoint:
         joint_map: The conversion of ticks and positions, as in the arm file.
         travel_per_turn: Largest joint motion per revolution of the horn, rad or m.
         backlash: Free motion felt by hand while the servo holds, rad or m; 0 if not measured.
-        shadows: Further servos that drive the joint together with the first.
+        shadows: Further servos that drive the joint together with the first servo.
         zero_from: ``vendor`` if the maker fixes the zero, ``nominal`` if each arm differs.
     """
 
@@ -253,7 +253,7 @@ class Model:
         return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"
 
     def joint(self, name: str) -> ModelJoint:
-        """Return the joint of that name.
+        """Return the joint with a servo that has this name.
 
         Raises:
             UnknownNameError: The arm has no servo for such a joint.

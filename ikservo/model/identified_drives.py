@@ -21,7 +21,8 @@ def identified_parameters(
 ) -> ArmParameters | None:
     """Return an arm's identified parameters; None if the arm has no masses.
 
-    Unidentified joints have those from the tables. The chain is inside the arm's own limits.
+    Joints that were not identified have the drives from the tables. The chain has this arm's
+    limits.
     """
     nominal = nominal_parameters(model, chain)
     if nominal is None:

@@ -51,7 +51,8 @@ class JointDrive:
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
         """Compute the dry friction of the moving joint, N m.
 
-        The load is that on the gears: the difference between motor torque and external torque.
+        The load is the torque on the gears: the difference between motor torque and external
+        torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)
@@ -137,7 +138,7 @@ def joint_compliances(model: Model, chain: Chain) -> Vector:
 def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
     """Compute the distance from the goal at which friction holds an unloaded joint, rad or m.
 
-    Servos that drive it together share its friction and its stiffness.
+    Servos that drive the joint together add to its friction and its stiffness alike.
     """
     torque = find_servo_torque(joint.servo.model, supply_v)
     per_horn_rad = joint.travel_per_turn / tau

@@ -15,7 +15,7 @@ from ikservo.model.servo_torque import GearFriction, ServoTorque
 
 _POSTURES = 64
 # Margin: the heaviest posture may be between the sampled ones, servos differ by a tenth, their
-# supply drops under load, and a joint must start to move in a fraction of a second.
+# supply drops under load, and a joint must start to move within a fraction of a second.
 _MARGIN = 1.35
 
 

@@ -1,4 +1,4 @@
-"""Read and write scene files: things around an arm, including other arms, in its base frame."""
+"""Read and write scene files: things around an arm, and other arms, in the arm's base frame."""
 
 from __future__ import annotations
 
@@ -106,7 +106,8 @@ class PlacedArm:
     Attributes:
         name: Name for messages; on the page, the name of the open arm.
         at_m: Origin (3,) of its base frame in the base frame of the scene's arm, metres.
-        rpy_deg: Roll, pitch and yaw (3,) of its base frame in that frame, degrees.
+        rpy_deg: Roll, pitch and yaw (3,) of its base frame in the base frame of the scene's arm,
+            degrees.
         arm: The arm's name in the catalogue, or its file; empty: ``name``.
         port: The port of the arm; empty if it is not given.
     """
@@ -341,7 +342,7 @@ def _check_names(
     """Check that no two things or arms have the same name.
 
     Raises:
-        FileFormatError: Two of them share a name, or one has the name of a part of the arm.
+        FileFormatError: Two things or arms share a name, or one has the name of a part of the arm.
     """
     known = set(taken)
     for each in things:
@@ -374,7 +375,7 @@ def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
     for each in scene.half_space:
         R = _turned_to(each.name, each.normal)
         normal = R[:, 2]
-        # The box surrounds the arm, wherever the given point is on the surface.
+        # The box covers the whole surface around the arm, wherever the given point is on it.
         centre = (np.array(each.point_m) @ normal - _FAR_M) * normal
         yield shape(each.name, R, centre, np.full(3, _FAR_M))
 

@@ -46,7 +46,7 @@ class GearFriction:
 
         Args:
             held_nm: Load without friction: zero if torque is off, twice the external torque if the
-                motor lifts it.
+                motor lifts this load.
         """
         rest = 1.0 - self.load - self.slow_load
         dry_nm = held_nm + self.coulomb_nm + self.slow_nm
@@ -187,7 +187,7 @@ GRIPPER_P_GAINS: Mapping[str, int] = MappingProxyType(
 def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
     """Return the torque figures of a model at a supply voltage; None if they are unknown.
 
-    The usual voltage is assumed if that in the arm file is missing or has no figures of its own.
+    The model's usual voltage is assumed if the given voltage is None or has no figures of its own.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 

@@ -36,7 +36,7 @@ class ToolFrame:
         return math.asin(min(max(up, -1.0), 1.0))
 
     def heading_rad(self, R_world_tool: Matrix) -> float | None:
-        """Compute the heading of the tool axis, from x towards y; None if it is upright."""
+        """Compute the heading of the tool axis, from x towards y; None if the axis is upright."""
         x, y, _ = R_world_tool @ self.approach_axis
         return None if math.hypot(x, y) < _VERTICAL else math.atan2(y, x)
 

@@ -82,14 +82,14 @@ def _read_axis(element: XmlElement, kind: UrdfJointType) -> Triple:
     axis = element.optional("axis")
     if axis is None:
         return (1.0, 0.0, 0.0)
-    x, y, z = axis.vector("xyz", most=math.inf)  # only its direction counts
+    x, y, z = axis.vector("xyz", most=math.inf)  # only the direction of the axis counts
     if not kind.is_movable:  # exporters write 0 0 0 here, without a meaning
         return (1.0, 0.0, 0.0)
     largest = max(abs(x), abs(y), abs(z))
     if largest < _MIN_AXIS_LENGTH:
         found = f"joint {quote(element.name())} moves about an axis of zero length"
         raise axis.error(found, 'a direction, such as xyz="0 0 1"')
-    x, y, z = x / largest, y / largest, z / largest  # before squaring, to avoid an overflow
+    x, y, z = x / largest, y / largest, z / largest  # scaled before squaring, to avoid an overflow
     length = math.hypot(x, y, z)
     return (x / length, y / length, z / length)
 
@@ -332,7 +332,7 @@ def _in_degrees_hint(value: float) -> str:
     return f"if these are degrees, write {math.radians(value):.6g}"
 
 
-_XACRO = "xacro}"  # end of the namespace; files spell its beginning differently
+_XACRO = "xacro}"  # end of the namespace; files differ in its beginning
 
 
 def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:

@@ -20,7 +20,7 @@ from ikservo.model.urdf_types import Triple
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MAX_NAME_CHARS = 128
 LARGEST_NUMBER = 1e6
-"""Largest number [m, rad, kg], because products of larger ones overflow."""
+"""Largest number [m, rad, kg], because products of larger numbers overflow."""
 
 
 @dataclass(slots=True)
@@ -110,7 +110,7 @@ class XmlElement:
 
 
 MAX_DEPTH = 64
-MAX_ELEMENTS = 50_000  # a large humanoid has a few thousand; 4 MB must not take over a second
+MAX_ELEMENTS = 50_000  # a large humanoid has a few thousand; 4 MB must be read within a second
 
 _PLAIN = "plain XML without <!DOCTYPE> and <!ENTITY>"
 

@@ -11,8 +11,8 @@ from ikservo.errors import BadValueError, format_point
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 
-_MIN_RADIUS_M = 1e-4  # on a smaller circle the tip is on the axis
-_SAME_POINT_M = 1e-4  # nearer points are the same
+_MIN_RADIUS_M = 1e-4  # with a smaller radius, the tip counts as on the axis
+_SAME_POINT_M = 1e-4  # nearer points count as the same
 # Three points count as lying on one line if none is further from the line through the others than
 # this: half of a servo's tick at 0.3 m, the uncertainty of the start.
 _MIN_HEIGHT_M = 2e-4
@@ -107,8 +107,8 @@ def arc_about_axis(
     """Compute the arc from a start (3,) [m] about an axis.
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
-    starts at the start point and runs counter-clockwise about the normal; the centre need not be in
-    its plane.
+    starts at the start point and runs counter-clockwise about the normal; the given centre need not
+    be in the plane of the circle.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than

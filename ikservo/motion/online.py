@@ -14,7 +14,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-# Largest excess over a limit by rounding, rad or m; a tick is 10⁻³.
+# Largest excess over a limit by rounding, rad or m; a tick is about 10⁻³ rad.
 _ROUNDING = 1e-7
 
 _Pieces = tuple[tuple[float, RuckigMotion], ...]
@@ -34,9 +34,9 @@ class OnlineTrajectory:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
             then comes to rest.
         limits: The kinematic limits of each joint.
-        lower: The lowest positions (n,); None for no bound. A start outside extends the bounds to
-            it, so that a joint slightly outside can move back.
-        upper: The highest positions (n,); None for no bound.
+        lower: The lowest positions (n,); None: no bound. A start outside extends the bounds to the
+            start, so that a joint slightly outside can move back.
+        upper: The highest positions (n,); None: no bound.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or lower is above upper.
