@@ -30,7 +30,7 @@ _READINGS = 5  # number of readings with which the time of the bus is measured
 _SOON_S = 0.1
 # The bus is busy for a quarter of each cycle; the rest is for computing and retries.
 _TIME_MARGIN = 4.0
-_MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for this part of the cycle
+_MIN_TIME_MARGIN = 1.25  # cycle of a slow bus, as a multiple of its busy time
 
 
 def measure_cycle_time_s(servos: ServoGroup) -> float:

@@ -348,7 +348,7 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
     clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
     present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
     goals = bus.sync_read(on, RegisterName.GOAL_POSITION, raw=True).values
-    moving: dict[int, int] = {}  # the joint is about to move, because its goal is far ahead
+    moving: dict[int, int] = {}  # or about to move, because the goal is far ahead
     for i, tick in present.items():
         was, goal = before.get(i), goals.get(i)
         if (

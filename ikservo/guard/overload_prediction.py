@@ -39,7 +39,7 @@ _ENDED = 0.88  # fraction of the limit below which it ends
 # servo.
 _REACHED_S = 0.1
 _RELAX_LEFT_S = 1.0  # the goal of a joint that has at most this time left is pulled back
-_RELAXED_SHARE = 0.6  # fraction of the limit that remains after that
+_RELAXED_SHARE = 0.6  # fraction of the limit with which that joint still presses
 # A joint that its load only just keeps from starting is near its reference.
 _NEAR_REFERENCE_RAD = 0.045  # at the horn
 _STARTING_S = 0.3  # time that such a joint has to start

@@ -253,7 +253,7 @@ class Model:
         return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"
 
     def joint(self, name: str) -> ModelJoint:
-        """Return the joint with a servo that has this name.
+        """Return the joint that has this name.
 
         Raises:
             UnknownNameError: The arm has no servo for such a joint.

@@ -19,7 +19,7 @@ from ikservo.model.urdf_xml import import_command
 
 
 def collision_body(model: Model) -> CollisionBody:
-    """Return the body of the arm, with jaws fixed; pairs may overlap as in the named poses."""
+    """Return the arm's collision body; overlaps of pairs in its named poses are allowed."""
     postures = [model.chain_pose(name) for name in model.poses]
     return CollisionBody(model.chain, _require_capsules(model), postures)
 
