@@ -260,8 +260,7 @@ def undo_calibration(path: Path) -> Calibration:
 
     Raises:
         FileFormatError: There is no previous calibration, or one of the two is damaged.
-        InputError: Registers in the servos differ between the two calibrations, and a file cannot
-            restore them.
+        InputError: Servo registers differ between the calibrations, and a file cannot restore them.
         FileWriteError: The files cannot be written.
     """
     backup = backup_path(path)

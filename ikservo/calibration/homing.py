@@ -71,8 +71,7 @@ def choose_homing(
 ) -> Homing:
     """Choose the homing settings for a joint's travel; keep the present ones if they suffice.
 
-    The travel is in bare ticks, unwrapped. ``counts_on``: whether a Dynamixel is already in a
-    multi-turn mode.
+    The travel is in bare ticks, unwrapped. ``counts_on``: a Dynamixel is in a multi-turn mode.
 
     Raises:
         CalibrationError: The travel is a revolution or more, or crosses a wrap-around that cannot

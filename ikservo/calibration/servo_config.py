@@ -115,7 +115,7 @@ def expected_registers(
 
     Values of ``config`` are kept if possible. If no limits are given, the present limits are kept
     if they still correspond to the same positions, and opened otherwise. An ``extended`` servo must
-    count beyond one revolution.
+    count several turns.
     """
     held = dict(config.registers)
     if config.table.family is Family.FEETECH_STS:

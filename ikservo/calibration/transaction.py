@@ -51,8 +51,7 @@ class Journal(StrictModel):
         old_text: The old content of the file; empty if there was none.
         new_text: The new content of the file.
         changes: The changes by servo, in the order of writing.
-        temporary: Whether the new numbers only serve a search for end stops and are undone after
-            it.
+        temporary: Whether the new numbers only serve a search for end stops, and are then undone.
     """
 
     format: Literal[1] = Field(description="1")
@@ -126,9 +125,8 @@ def commit(
 
     If this transaction fails, the changes of an earlier temporary transaction are undone, too.
 
-    An empty text means that there is no file. A ``temporary`` transaction only serves a search for
-    end stops: the text is ignored, and the journal stays until ``roll_back`` or the next
-    ``commit``.
+    An empty text means no file. A ``temporary`` transaction only serves a search for end stops: the
+    text is ignored, and the journal stays until ``roll_back`` or the next ``commit``.
 
     Raises:
         CalibrationError: Writing failed and could not be undone; the message says how to continue.

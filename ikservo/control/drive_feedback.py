@@ -54,8 +54,8 @@ class DriveReader:
         """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
 
         Duty and current are positive towards larger positions; a current without a measured
-        direction is a magnitude. Values that are not measured are NaN, and so are the unused rows
-        of joints with fewer servos. Other servos of a joint get the signs of its first servo.
+        direction is a magnitude. Values that are not measured are NaN, like the unused rows of
+        joints with fewer servos. Other servos of a joint get the signs of its first servo.
         Positions are those of the joint, rad or m, from its first servo. Returns None if a reply is
         missing.
         """

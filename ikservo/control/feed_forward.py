@@ -26,9 +26,8 @@ from ikservo.model.load_lag import lifting_torque_nm
 from ikservo.model.servo_torque import GearFriction
 from ikservo.motion import TrajectoryPoint
 
-# Weight of more than this multiple of the dry friction presses the gears, even though the masses,
-# and the part of friction at the output, are uncertain; weight of twice this multiple certainly
-# does.
+# Weight of more than this multiple of the dry friction presses the gears, although the masses and
+# the output's part of friction are uncertain; twice this weight certainly does.
 _PRESSING = 3.0
 _TINY_NM = 1e-6  # smallest dry friction that is used, because weights are divided by it
 

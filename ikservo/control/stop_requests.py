@@ -292,8 +292,8 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
     """Convert Ctrl-C, SIGTERM and SIGHUP to a stop request within the block.
 
     If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
-    program's own handlers are kept. In threads other than the main thread, which receives all
-    signals, nothing changes.
+    program's own handlers are kept. Nothing changes in other threads than the main thread, which
+    receives all signals.
     """
 
     def request_stop(number: int, _: FrameType | None) -> None:
@@ -317,8 +317,7 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
 
 
 # A joint that moves by more than this in this time was moving. A resting joint keeps its goal,
-# because its load has pulled it below the goal: a goal at its position would let it sink further at
-# every stop.
+# because its load has pulled it below: a goal at its position would let it sink more at every stop.
 _POLL_PERIOD_S = 0.06
 _MOVED_TICKS = 2
 _ATTEMPTS = 3  # times that goals are sent and read back, because a sync write has no reply

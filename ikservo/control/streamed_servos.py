@@ -68,8 +68,8 @@ class StreamedServos:
         torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
             watchdogs stopped them, because the program was delayed.
-        overload: Predicts when a servo will protect itself, and pulls back the goal of a pressing
-            joint before that.
+        overload: Predicts when a servo will protect itself, and pulls back goals of pressing
+            joints.
         warnings: The last warnings for the user, the oldest first.
         warn: Called with each warning; by default, warnings are ignored.
     """
@@ -257,8 +257,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The top speed of the motion at the horns; None: the top speed of each
-                joint.
+            speed_rad_s: The motion's top speed at the horns; None: the top speed of each joint.
             profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:
@@ -305,8 +304,7 @@ class StreamedServos:
         """Read the joints (n,), rad or m, and the telemetry of one servo.
 
         Servos that their watchdogs stopped while the program was delayed are started again at their
-        positions, and goals then start from these positions, too; ``restarts`` counts such
-        restarts.
+        positions, from which goals then start, too; ``restarts`` counts such restarts.
 
         Raises:
             BusError: A servo that must be started again does not answer.
@@ -344,8 +342,7 @@ class StreamedServos:
         if self.lost_joints and now_s - before_s > STALL_S:  # a joint was not read for long
             now_s = self.clock.now_s()
             measured = self._feedback.read()
-        # These times count from the beginning of the previous cycle, because it is unknown whether
-        # its goals arrived.
+        # The gap counts from the previous cycle's beginning: whether its goals arrived is unknown.
         self._limits.check_watchdog_gap(self.clock.now_s() - before_s)
         self._gate.update_measured(self._feedback.latest, now_s)  # measured at ``now_s`` or later
         self._check_following(measured)
@@ -359,14 +356,13 @@ class StreamedServos:
 
         Raises:
             ServoAlarmError: Servos have lost their torque, or a servo reports a fault.
-            RefusedError: A joint does not follow its goal; the error says so if the arm is too
-                heavy.
+            RefusedError: A joint does not follow its goal; the error tells if the arm is too heavy.
         """
         try:
             goals = self.goals()
             if self.overload.relaxed_joints:
-                # The motion must still end if a joint whose goal was pulled back would press more
-                # and more.
+                # The motion must still end if a joint with a pulled-back goal presses more and
+                # more.
                 relaxed = np.isin(self.names, self.overload.relaxed_joints)
                 goals = np.where(relaxed, self._to_positions(self._undrawn), goals)
             self._following.update(goals, measured)

@@ -124,8 +124,7 @@ class ServoRamLimits:
         bus: The servo bus.
         servo_ids: The servos to which goals are sent.
         unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
-            its position, and a joint under load then sinks further than it would move to its last
-            goal.
+            its position, and a joint under load then sinks further than to its last goal.
     """
 
     def __init__(

@@ -111,8 +111,8 @@ class ClearSpace:
     """The postures, and straight motions between them, in which an arm keeps its clearances.
 
     Motions are checked without gaps: no distance is too small by a millimetre, even to thin
-    obstacles. Only one thread at a time may use a ``ClearSpace``; ``CollisionChecker.clear_space``
-    makes them.
+    obstacles. Only one thread at a time may use a space, which ``CollisionChecker.clear_space``
+    makes.
 
     Args:
         body: The arm.
@@ -125,8 +125,8 @@ class ClearSpace:
         load: Multiple of gravity under which the arm sags.
         bends: Computes the link joints (n, dof) from the sensor joints (n, dof); None if the arm
             does not bend between sensors and links.
-        sampled_m: The distances (2, pairs) that searches must keep at their samples; None: the same
-            as ``allowed_m``.
+        sampled_m: The distances (2, pairs) that searches must keep at their samples; None:
+            ``allowed_m``.
 
     Attributes:
         sampled: The arrays for the kernel with the distances of ``sampled_m``.

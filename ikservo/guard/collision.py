@@ -29,8 +29,8 @@ _MAX_UNCHECKED_M = 0.001
 # excess over a length, so that the motions between samples keep the distance, too.
 _FURTHER = 0.2  # the fraction
 _ABOVE_M = 0.001  # the length
-# A contact at the start may get this much deeper on the path, for example if an arm that touches
-# the table turns a joint.
+# A contact at the start may get this much deeper on the path, for example if an arm on its table
+# turns a joint.
 _DEEPER_M = 5e-4
 _DEEPER_AT_END_M = 1e-6  # a smaller value at the end, because many short motions would add up
 
@@ -118,8 +118,8 @@ class CollisionChecker:
         the start may stay at that depth until it separates; afterwards it may overlap by at most
         0.5 mm. The same holds for a pair that is within 0.5 mm of contact at the start. A stream of
         goals checks two vectors: the present posture and the posture in which the arm would stop.
-        Joints move on straight lines between the vectors; the path is sampled more finely where a
-        contact is possible.
+        Joints move on straight lines between the vectors; samples are closer where a contact is
+        possible.
 
         Args:
             path: The joint vectors.
@@ -129,8 +129,7 @@ class CollisionChecker:
             rest: The posture (dof,) at rest before the first vector. No contact may get deeper than
                 in this posture, because the half millimetres of many checks would add up.
             began_m: Distances (pairs,) [m], negative, at which each contact began; -inf if unknown.
-                A contact may get at most half a millimetre deeper than at its beginning, however
-                many motions were stopped in it.
+                A contact may get at most half a millimetre deeper than that over all motions.
 
         Returns:
             The smallest distance on the path [m], without sag.
@@ -273,8 +272,7 @@ class CollisionChecker:
         """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
         First come the distances of every pair without sag, then the distances to the surroundings
-        with sag. An arm that lies on the table sags only in this computation, so the two are kept
-        separate.
+        with sag. An arm that lies on the table sags only in this computation, so both are kept.
         """
         gap_m = self.distances(path)
         if self.sag is None:

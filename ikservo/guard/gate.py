@@ -103,10 +103,9 @@ class Gate:
     """Passes commands that satisfy all checks, and refuses other commands as a whole.
 
     A command consists of goal ticks for some of the joints. It passes if every goal is inside its
-    joint's limits, no goal moves faster than its joint's speed limit, and no goal leads the
-    measured joint by more than the maximum lead. A joint outside its limits may be moved back, but
-    never further out. After `latch_stop` only `pass_hold` passes, until `acknowledge` and
-    `pass_reset` are called.
+    joint's limits, no goal exceeds its joint's top speed, and no goal leads the measured joint by
+    more than the maximum lead. A joint outside its limits may be moved back, but never further out.
+    After `latch_stop` only `pass_hold` passes, until `acknowledge` and `pass_reset` are called.
 
     The gate writes nothing: the caller writes what passed, and then commits it. Goals that were
     not committed do not count as sent.
@@ -242,8 +241,7 @@ class Gate:
     def pass_hold(self, ticks: TickRow) -> PassedGoals:
         """Pass goals at which joints hold their positions, even while the arm is stopped.
 
-        Each tick is the present goal, the measured position, or between the two; it is clamped to
-        the limits.
+        Each tick is the present goal, the measured tick, or between; it is clamped to the limits.
 
         Raises:
             RefusedError: A goal would move a joint; nothing may be sent for any joint.

@@ -11,8 +11,7 @@ from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 MAX_ELAPSED_S = 0.05
 # A measurement older than this is stale.
 _STALE_S = 0.25
-# A motion slows down above this fraction of the maximum lead, so that it need not stop at the
-# maximum.
+# A motion slows down above this fraction of the maximum lead, so that it need not stop there.
 _EASE_FROM = 0.75
 
 
@@ -20,8 +19,7 @@ class RateLimiter:
     """The step limit of one joint's goals.
 
     Goals are integer ticks, so that a step may be up to one tick longer than the speed allows; the
-    next steps are shortened by this excess, because many small steps would otherwise exceed the
-    speed.
+    next steps are shortened by this excess, because many small steps would otherwise be too fast.
 
     Args:
         ticks_s: The maximum speed, ticks per second.

@@ -35,8 +35,7 @@ _STILL_S = 0.04  # time for which this turn is measured
 # A goal acts before its effect is measured, so output this close to the limit counts as overload.
 _NEAR = 0.92  # fraction of the limit above which overload begins
 _ENDED = 0.88  # fraction of the limit below which it ends
-# Output that has not exceeded the limit itself for this long stays below it, and does not trip the
-# servo.
+# Output that has not exceeded the limit itself for this long stays below it: no servo trips.
 _REACHED_S = 0.1
 _RELAX_LEFT_S = 1.0  # the goal of a joint that has at most this time left is pulled back
 _RELAXED_SHARE = 0.6  # fraction of the limit with which that joint still presses
@@ -56,8 +55,7 @@ class _Pressing:
         load: The last reading of the load as a signed fraction of the output.
         since_s: Time since which the joint presses beyond the limit; NaN if it does not.
         reached_s: Last time at which the output was beyond the limit.
-        bound: The goal when it was pulled back, which the motion does not pass; None if it was not
-            pulled back.
+        bound: The goal when it was pulled back, which the motion does not pass; None otherwise.
         warned: Whether the user was warned.
         side: 1 if the joint presses towards greater ticks, -1 towards smaller ones.
     """

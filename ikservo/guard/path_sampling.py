@@ -55,8 +55,8 @@ def refine_path(
     Args:
         path: Joints (k, n), interpolated linearly.
         measure: Measures values (k, m) at joints (k, n).
-        unresolved_after: Returns, from the values, the indices (i,) of the samples after which a
-            limit may be exceeded.
+        unresolved_after: Returns, from the values, the samples (i,) after which a limit may be
+            exceeded.
 
     Returns:
         The sampled fractions of the path (j,), and the values (j, m) at these samples.

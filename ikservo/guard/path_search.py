@@ -77,11 +77,10 @@ class WaySearch:
         lower: The lowest positions (n,), finite.
         upper: The highest positions (n,).
         body: For each joint of the body (dof, 3): its column in a posture, or -1; the column's
-            unit; the joint's position if there is no column. None if a posture has all joints of
-            the body.
+            unit; the joint's position if there is no column. None if a posture has all joints.
         tool: The constraint of the tool on the path; None if it is free.
-        columns: The column in a posture, and its unit, for each joint of the tool's chain (dof of
-            the chain, 2).
+        columns: The column in a posture, and its unit, of each joint of the tool's chain (joints,
+            2).
         seed: The seed of the random numbers.
         takes_time: Whether to shorten a path until the search must end, unless it is nearly
             straight.

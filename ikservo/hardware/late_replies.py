@@ -31,8 +31,8 @@ class LineHealth:
 
     Attributes:
         suspect: Whether the line is not known to be healthy; static registers are then read twice.
-        degraded: Whether an anomaly occurred recently; in addition, a repeated request must then
-            have another reply length.
+        degraded: Whether an anomaly occurred recently; a repeated request must then have another
+            reply length.
     """
 
     def __init__(self, clean_requests: int = _AT_FIRST) -> None:
@@ -54,8 +54,7 @@ class ByteRateCheck:
     """Counts the reply bytes that can have arrived; bytes in excess predate the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
-    therefore applies only after replies have kept it for a while, and until it causes the loss of a
-    reply.
+    therefore applies only after replies have kept it for a while, until it costs a reply.
     """
 
     def __init__(self) -> None:

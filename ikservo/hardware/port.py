@@ -108,8 +108,7 @@ class SdkPort:
     def sleep_until_due(self, expected: int) -> None:
         """Sleep until ``expected`` bytes can have arrived, so as to wake up once for many packets.
 
-        The servos' return delays are ignored, because they only add time. In virtual time there is
-        no sleep.
+        Servos' return delays are ignored, because they only add time. Virtual time needs no sleep.
         """
         if self._virtual:
             return
@@ -365,8 +364,8 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     """Open a port by its name, see ``open_transport``.
 
     If this process already has the device open for other servos at the same rate, the port is
-    shared; requests then wait for each other. If the ids of this arm's servos are not given, the
-    port is not shared.
+    shared; requests then wait for each other. If no ids of servos are given, the port is not
+    shared.
 
     Raises:
         PortError: The port does not exist, is busy or may not be opened.

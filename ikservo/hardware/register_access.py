@@ -197,8 +197,7 @@ class RegisterAccess:
     def action(self) -> None:
         """Execute the prepared writes of all servos at the same time.
 
-        The torque of servos with a prepared goal is read first, because it may have gone off since
-        then.
+        The torque of servos with a prepared goal is read first, because it may be off by now.
 
         Raises:
             RegisterAccessError: A goal is prepared for a servo whose torque is off now; nothing was

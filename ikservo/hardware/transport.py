@@ -307,8 +307,8 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
 class _LockedTransport:
     """A pyserial port and its lock, which is released when the port is closed.
 
-    Port and lock belong to the process that opened them: ``abandon`` closes the copies in a forked
-    child.
+    Port and lock belong to the process that opened them: ``abandon`` closes a forked child's
+    copies.
 
     Setting pyserial's ``timeout`` reconfigures the device, even over the network, although only
     ``read`` uses the value. If possible, the value is therefore set without pyserial.

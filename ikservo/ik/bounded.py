@@ -89,8 +89,7 @@ class Search:
 
     Args:
         chain: The arm.
-        target: A target; the search also solves other targets with the same frame, offset and tool
-            axis.
+        target: A target; others with the same frame, offset and tool axis can also be solved.
         options: Limits and priorities.
         first: Starting points (dof,) in addition to the table.
     """

@@ -241,8 +241,7 @@ def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ..
 def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Return the solution nearest the start, or the closest posture if that is known exactly.
 
-    If neither is known, ``bounded`` searches from the nearest closed-form postures, and the
-    result's ``method`` is "bounded".
+    Otherwise ``bounded`` searches from the nearest closed-form postures; ``method`` is "bounded".
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
 

@@ -90,8 +90,8 @@ class ArmStructure:
         yaw: The first joint, if it is not in the plane.
         plane: Two or three parallel joints.
         wrist: The joints between these and the tip.
-        centre: The point (3,) where the axes of a wrist of two or three joints meet; None if there
-            is no such point.
+        centre: The point (3,) where the axes of a wrist of two or three joints meet; None if they
+            do not.
         tool: Pose (4, 4) of the frame while all joints are zero.
         deviation: The deviation of axes from being parallel [rad] or from meeting [m].
         yaw_back: Rotates points in the base frame back by the yaw.
@@ -207,8 +207,8 @@ def _with_locked_wrist_joint(
 def _revolute_axes(chain: Chain, frame: str | None) -> tuple[RevoluteAxis, ...] | None:
     """Compute the axes of all joints that move the frame; None if a joint is not revolute.
 
-    A column of the Jacobian is (axis × r, axis) with r from the axis to the frame, so that r =
-    (axis × r) × axis.
+    A column of the Jacobian is (axis × r, axis) with r from the axis to the frame, hence r = (axis
+    × r) × axis.
     """
     T, J = chain.forward_and_jacobian(np.zeros(chain.dof), frame)
     joints: list[RevoluteAxis] = []

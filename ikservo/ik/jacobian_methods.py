@@ -233,8 +233,8 @@ def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     """Compute the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
     ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` if ``s < ε s_max``. ``Δ = J⁺ E`` is the
-    least-squares solution of ``J Δ = E`` if no solution is exact, and the one with the least norm
-    if there are many.
+    least-squares solution of ``J Δ = E`` if no solution is exact, the one of least norm if there
+    are many.
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)

@@ -6,8 +6,8 @@ upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^
 
 If the direction is free, the solutions of a point are intervals. Their ends are known in closed
 form: there the first two links are stretched or folded, or a joint is at a limit, which leaves two
-links. Between neighbouring ends either all directions are solutions or no direction is, so that one
-sample is enough.
+links. Between neighbouring ends all directions are solutions or no direction is: one sample is
+enough.
 
 Along an arc the joints move through the null space of the planar arm: the tip stays, the last
 link rotates. Steps along it towards the start have one free parameter.
@@ -155,8 +155,7 @@ def allowed_arcs(
     Returns:
         The arcs of the elbow with φ2 >= 0, and those of the elbow with φ2 <= 0.
     """
-    # Without known ends, direction 0 is sampled: either all directions are allowed or no direction
-    # is.
+    # Without known ends, direction 0 is sampled: all directions are allowed, or no direction is.
     ends = sorted({wrap_angle(alpha) for alpha in _possible_ends(links, limits, m)}) or [0.0]
     following = [*ends[1:], ends[0] + FULL_TURN_RAD]
     middles = [0.5 * (a + b) for a, b in zip(ends, following, strict=True)]

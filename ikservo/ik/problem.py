@@ -150,7 +150,7 @@ def _rotation_between(a: Vector, b: Vector) -> Vector:
     if sin < 1e-12:
         if cos > 0:
             return np.zeros(3)
-        # The vectors are opposite: half a turn about any axis at a right angle to ``a`` is equally
+        # The vectors are opposite: half a turn about any axis perpendicular to ``a`` is equally
         # short.
         helper = np.zeros(3)
         helper[int(np.argmin(np.abs(a)))] = 1.0

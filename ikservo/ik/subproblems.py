@@ -156,8 +156,8 @@ def _make_trace(rows: Vector) -> CircleTrace:
 
 # Circles this small [m or 1] give an arm no usable freedom.
 NO_FREEDOM = 1e-6
-# Published axes are rounded to about 1e-5 rad; a yaw that changes a direction by less does not
-# change it.
+# Published axes are rounded to about 1e-5 rad; a yaw that changes a direction by less has no
+# effect.
 ROUNDED = 1e-5
 # A root of the quartic may be this far from the unit circle if two roots are nearly equal.
 _BESIDE_CIRCLE = 1e-3

@@ -18,8 +18,7 @@ from ikservo.ik.subproblems import EulerAngles, solve_yaw_roll
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3
 
-# A target direction leaves the rotation about it free; this many rotations are tried, the nearest
-# first.
+# A target direction leaves the rotation about it free; this many are tried, the nearest first.
 _ROTATIONS_ABOUT_AXIS = 24
 
 

@@ -113,8 +113,7 @@ def first_contact(
         reach: (pairs of links + links, dof) largest approach of each pair, and largest motion of
             each link, per unit of a joint.
         masses: (bodies, 4) mass [kg] and centre in the frame [m].
-        sag: (3, dof) compliance of each joint for the torque at 1 m/s², and its lower and upper end
-            stops.
+        sag: (3, dof) compliance of each joint for the torque at 1 m/s², lower and upper end stops.
         places: (bodies, 12), work array.
         ends: (capsules, 6), work array.
         centres: (links, 4), work array.

@@ -103,6 +103,6 @@ IDLE_UPPER       = 2
 IDLE_WIDTH       = 3
 # fmt: on
 
-# What ``solve_pose`` returns; 0 if the target is not reached. The last one is added to one of the
+# What ``solve_pose`` returns; 0 if the target is not reached. The last is added to one of the
 # others.
 INVALID, NOT_HOMOGENEOUS, IS_REACHED, IDLE_OUTSIDE = -1, -2, 1, 2

@@ -117,8 +117,7 @@ def _add_seed_products(
 QUICK, MORE, THOROUGH = 0, 1, 2
 # Fraction of the distance from the best result to a seed at which a further attempt starts.
 _HOP_FRACTION = 0.35
-# This many attempts start at seeds; then every second one starts between the best result and a
-# seed.
+# This many attempts start at seeds; then every second one between the best result and a seed.
 _ALONE, _HOPS = 12, 40
 # With position first, results that miss the position rank after all results that reach it.
 _FAR = 1e6

@@ -28,8 +28,7 @@ from ikservo.kinematics.dynamics import Dynamics
 
 # A parameter counts as without effect if its effect on the torques is a smaller fraction of the
 # largest effect. On the arms of the catalogue, at rest or at 0.3 rad/s and more, relevant
-# parameters have more than 5e-4; rounded angles in a file (1.5708) give other parameters less than
-# 3e-6.
+# parameters have more than 5e-4; rounded angles in a file (1.5708) give others less than 3e-6.
 _TOLERANCE = 3e-5
 _ROUNDING = 1e-12  # fraction of the largest effect
 _MOTIONS = 200  # random motions to evaluate

@@ -2,8 +2,8 @@
 
 A body is a link that a joint of q moves, with all links that are fixed to it. Links that q does not
 move (such as the jaws of a gripper, which are not on the path to the tip) are fixed to the body
-that carries them. The first axis of all arrays is the body, parents first, and the second axis is
-the sample.
+that carries them. The first axis of all arrays is the body, parents first, the second axis the
+sample.
 """
 
 from __future__ import annotations

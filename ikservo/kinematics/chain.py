@@ -69,8 +69,7 @@ class Chain:
         """Build the chain from ``base`` to ``tip`` from a tree of joints, given in any order.
 
         Raises:
-            InputError: No joint on the path to the tip moves, or followers leave a joint without a
-                range.
+            InputError: No joint on the path to the tip moves, or followers leave a joint no range.
             UnknownNameError: ``tip`` is not connected to ``base``, or a mimic's leader is missing.
         """
         paths = joints_to_each_link(joints, base)

@@ -67,8 +67,8 @@ class Conditioning:
             directions, the largest first [m/rad]: the singular values of the linear rows. Their
             number is the arm's degrees of freedom for positions, 2 in a plane.
         turns_rad_rad: Rotation of the point's link about each of its principal directions, per
-            radian of joint motion that leaves the point at rest [rad/rad]; empty if there is no
-            such motion.
+            radian of joint motion that leaves the point at rest [rad/rad]; empty without such
+            motions.
     """
 
     manipulability: float

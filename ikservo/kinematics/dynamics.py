@@ -58,8 +58,7 @@ class Dynamics:
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.
-        parameters: Ten parameters of each body (10 bodies,), in the body's frame:
-            ``inertia.PARAMETERS``.
+        parameters: Ten parameters of each body (10 bodies,), in its frame; see ``PARAMETERS``.
         gravity_m_s2: The acceleration of a falling body (3,), in the base frame.
     """
 
@@ -84,8 +83,7 @@ class Dynamics:
 
         Args:
             chain: The joints.
-            masses: The masses of the chain's links, in any order; several masses of one link add
-                up.
+            masses: The masses of the chain's links, in any order; those of one link add up.
             gravity_m_s2: Gravity (3,) in the base frame, downwards. It differs from (0, 0, -9.81)
                 for an arm that is mounted on a wall or under a ceiling.
 

@@ -131,8 +131,7 @@ PARENT, IS_PRISMATIC, MIMIC_COLUMN, MIMIC_SCALE, MIMIC_OFFSET = 15, 16, 17, 18, 
 START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
 LINK_WIDTH, CAPSULE_WIDTH            = 20, 8
 # shape: R row by row (9), centre (3), half extents (3) of a box, or the radius and, third, half the
-# length of a cylinder about its z; both shapes are enlarged by ROUNDING, which turns a point into a
-# sphere
+# length of a cylinder about its z; both are enlarged by ROUNDING, which turns a point into a sphere
 CENTRE, HALF, ROUNDING, IS_CYLINDER, SHAPE_WIDTH = 9, 12, 15, 16, 17
 # fmt: on
 

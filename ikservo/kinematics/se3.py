@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from ikservo.kinematics.arrays import Matrix, Vector
 
-# Below this angle the closed forms divide two vanishing numbers; the Taylor series used instead are
-# exact to 1e-16.
+# Below this angle the closed forms divide two vanishing numbers; the Taylor series are exact to
+# 1e-16.
 _SMALL_RAD = 1e-4
 # For angles within this distance of pi the antisymmetric part of R vanishes, and the axis must come
 # from the symmetric part.

@@ -21,8 +21,7 @@ def identified_parameters(
 ) -> ArmParameters | None:
     """Return an arm's identified parameters; None if the arm has no masses.
 
-    Joints that were not identified have the drives from the tables. The chain has this arm's
-    limits.
+    Joints that were not identified have drives from the tables. The chain has the arm's limits.
     """
     nominal = nominal_parameters(model, chain)
     if nominal is None:

@@ -51,8 +51,7 @@ class JointDrive:
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
         """Compute the dry friction of the moving joint, N m.
 
-        The load is the torque on the gears: the difference between motor torque and external
-        torque.
+        The load is the torque on the gears: the difference of motor torque and external torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)

@@ -24,8 +24,7 @@ from ikservo.model.load_lag import spread_postures
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 
 # Margin: servos differ in torque and damping by a twentieth, and the joints of an arm push each
-# other. With 1.05, a joint of a wx250s moved on by 63 ticks instead of 60 after 2 of 24 killed
-# programs.
+# other. With 1.05, a joint of a wx250s moved on by 63 ticks, not 60, after 2 of 24 kills.
 _MARGIN = 1.15
 
 

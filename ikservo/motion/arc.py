@@ -108,7 +108,7 @@ def arc_about_axis(
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
     starts at the start point and runs counter-clockwise about the normal; the given centre need not
-    be in the plane of the circle.
+    be in its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than

@@ -65,8 +65,8 @@ def solve_cartesian_path(
     The tool keeps its orientation, relative to the arm plane if the arm has one, or rotates
     uniformly to the orientation at ``end``, joints (dof,). If the arm cannot have this orientation
     everywhere, the tool rotates uniformly to the nearest possible orientation at the end of the
-    path; if that fails, the orientation is free. With ``strict``, the orientation must be kept
-    exactly in the world frame.
+    path; if that fails, the orientation is free. With ``strict``, it must be kept exactly in the
+    world frame.
 
     Raises:
         CartesianPathError: The path cannot be followed; the error names the furthest point reached.
@@ -89,8 +89,7 @@ def solve_cartesian_path(
             failed.append(error)
             continue
         found.append(_measure_curve(chain, desired, spline))
-        # A joint path that stays near the desired orientation may have corners; a uniform rotation
-        # has none.
+        # A path near the desired orientation may have corners; a uniform rotation does not.
         if (
             orientation_of is not _follow_orientation
             or found[0].orientation_error_rad.max() <= ORIENTATION_TOLERANCE_RAD

@@ -63,8 +63,7 @@ def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[fl
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
-    # The larger root, then the other root from the product of both, which is also exact for small
-    # j.
+    # The larger root, then the other from the product of both, which is also exact for small j.
     sum_ = -(a + math.copysign(math.sqrt(root), a))
     found = [sum_ / j if j else math.inf, 2.0 * v / sum_ if sum_ else math.inf]
     return [at_s for at_s in found if 0.0 < at_s < time_s]
@@ -134,8 +133,7 @@ class JointMove(RuckigMotion):
         start: The start: joints at rest (n,), rad or m, or the state of a running motion.
         goal: The end: joints at rest (n,), or a state in motion.
         limits: The kinematic limits of each joint.
-        together: Whether all joints arrive at the same time; otherwise, each joint arrives as soon
-            as it can.
+        together: Whether all joints arrive at the same time; otherwise, each as soon as it can.
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.

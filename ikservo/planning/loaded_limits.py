@@ -22,8 +22,7 @@ def limits_under_load(
     """Return a chain with limits that leave room for the lead of goals along a path.
 
     Each limit is moved inwards by the largest lead among the goals that would pass it. Without
-    ``friction``, the limits leave room for the effect of weight only. Joints (k, dof) are in rad or
-    m.
+    ``friction``, the limits leave room for weight only. Joints (k, dof) are in rad or m.
 
     Returns:
         The chain; None if no goal would pass a limit.

@@ -65,8 +65,7 @@ class MotionPlan:
         cartesian_s: Duration of these lines or arcs, which end the trajectory.
         tool_speed: The speed of the tip along lines or arcs; None if none was requested.
         via_pose: The intermediate retract pose; empty if the path is direct.
-        around: The contact on the straight path that this path avoids; empty if the path is
-            straight.
+        around: The contact on the straight path that this path avoids; empty if straight.
         kept: Description of the tool constraint, and of how much of it the path uses.
         clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
             infinite if paths are not checked.
@@ -216,7 +215,7 @@ def rebase_trajectory(
     """Return the plan's trajectory, starting from the goals (n,) that the servos hold.
 
     The goals equal the plan's start within a tick, or are slightly inside the limits if a limp
-    joint was outside. A joint motion then starts from the goals; a line is preceded by a motion to
+    joint was outside. A joint motion then starts from the goals; before a line there is a motion to
     its start.
 
     Raises:

@@ -405,8 +405,8 @@ class PreflightPlanner:
     ) -> Iterator[MotionPlan]:
         """Yield collision-free plans that avoid obstacles, or that first leave a contact.
 
-        An arm that touches something leaves the contact first. Other remedies, if any, are added to
-        the hint of ``error``.
+        An arm that touches something leaves the contact first. Other remedies are added to the hint
+        of ``error``.
         """
         touches = request.arm.clearance_m(request.start) < 0.0
         blocked = error if isinstance(error, BlockedError) else None

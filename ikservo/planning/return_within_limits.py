@@ -11,8 +11,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion import JointMove, Trajectory
 from ikservo.planning.context import ArmContext
 
-# At the horn: a limp arm may sink this far past a limit, as end stops are 2° outside calibrated
-# limits.
+# At the horn: a limp arm may sink this far past a limit, as end stops are 2° outside limits.
 _MAX_RETURN_RAD = math.radians(5.0)
 _HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo pose home."
 

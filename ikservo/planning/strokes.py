@@ -21,8 +21,7 @@ from ikservo.planning.tool_speed import ToolSpeed
 
 # Largest rounding of a corner of a stroke.
 _CORNER_M = 2e-4
-# Distance of a blend from its corner, as a fraction of the blend's length, per unit of change of
-# slope.
+# Distance of a blend from its corner per unit of change of slope, as a fraction of its length.
 _PASSED = 0.1875
 _SAME_POINT_M = 1e-6  # a point nearer to the previous point of its stroke is left out
 
