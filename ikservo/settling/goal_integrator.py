@@ -17,6 +17,7 @@ _FRICTION_MARGIN = 0.15
 # While the joint jumps its goal goes back: otherwise it would overshoot.
 _BRAKE_S = 0.05  # the goal goes back by this time multiplied by the joint's speed
 _BRAKE_FILTER_S = 0.02  # filter of that speed
+_FLICKER_TICKS = 0.5  # a joint between two ticks does not move
 _MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would make it leap
 # A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
 # the horn], because it must not coast across its backlash.
@@ -102,6 +103,7 @@ class GoalIntegrator:
         self._side, self._furthest, self._enough = 0, 0, 0
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
+        self._steady: float | None = None
         self._swing = SwingDamper()
 
     @property
@@ -142,8 +144,7 @@ class GoalIntegrator:
         """The reason why the goal cannot move further; None if it can."""
         if self._is_lead_limited():
             return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
-        end = self._high if self._side > 0 else self._low
-        if self.arrived or self._side * (end - self.goal) > 0:
+        if self.arrived or not self._is_at_limit():
             return None
         limits = self.driven.limits
         upper = self.driven.joint_map.sign * self._side > 0
@@ -185,15 +186,25 @@ class GoalIntegrator:
             self.goal = self._inside(self.goal + self._along)
             self._swing.rest()
             self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
-        filtered = tick if self._filtered is None or self.target is None else self._filtered
-        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
-        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
-            brake = 0.0
-        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
+        self._brake = self._brake_for(tick, elapsed_s)
         speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
+
+    def _brake_for(self, tick: int, elapsed_s: float) -> float:
+        """Compute how far the goal goes back; a tick that flickers does not move it."""
+        steady, filtered = self._steady, self._filtered
+        if steady is None or filtered is None or self.target is None:
+            steady = filtered = float(tick)
+        self._steady = min(max(steady, tick - _FLICKER_TICKS), tick + _FLICKER_TICKS)
+        if (self._steady - steady) * (steady - filtered) < 0.0:  # the joint has turned
+            filtered = steady
+        rate = min(elapsed_s / _BRAKE_FILTER_S, 1.0)
+        self._filtered = filtered + rate * (self._steady - filtered)
+        brake = _BRAKE_S / _BRAKE_FILTER_S * (self._steady - self._filtered)
+        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
+            return 0.0
+        return min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
     def _track_motion(self, tick: int, time_s: float) -> None:
         if tick != self.at:
@@ -220,7 +231,7 @@ class GoalIntegrator:
 
     def _desired_speed(self, time_s: float) -> float:
         """Compute the desired speed of the goal, ticks/s, signed."""
-        if self.arrived or self.swings or self._is_lead_limited():
+        if self.arrived or self.swings or self._is_lead_limited() or self._is_at_limit():
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
             return 0.0
@@ -236,3 +247,7 @@ class GoalIntegrator:
 
     def _is_lead_limited(self) -> bool:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead
+
+    def _is_at_limit(self) -> bool:
+        end = self._high if self._side > 0 else self._low
+        return self._side * (end - self.goal) <= 0
