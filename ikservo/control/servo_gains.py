@@ -1,13 +1,30 @@
-"""Raise servo gains in RAM if the factory values are too low, and read them for the model."""
+"""Raise and lower servo gains in RAM, and remember former values on disk while others are tried.
+
+A program that is killed leaves lowered or tried values in the servo until its power goes off. A
+file holds the former ones: of a trial ``{"p_gain": 32}``, of a lowered gain also the lowered value,
+``{"p_gain": [32, 8]}``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+import json
+from collections.abc import Container, Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
+from pydantic import TypeAdapter, ValidationError
+
 from ikservo.control.feedback import read_registers
+from ikservo.errors import BusError, FileFormatError, RegisterAccessError
+from ikservo.files.reading import config_dir, read_text
+from ikservo.files.writing import FileWriteError, remove_durably, write_atomic
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.eeprom import RegisterDifference, register_differences
+from ikservo.hardware.port_choice import is_simulator
+from ikservo.hardware.port_names import serial_number_of
+from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 from ikservo.registers import Register
 
@@ -62,3 +79,170 @@ def read_gain_shares(bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> lis
         gain = next(iter(read.get(driven.servo_id, {}).values()), 0)
         shares.append(gain / torque.p_gain if torque and gain else 1.0)
     return shares
+
+
+_LOWERED = ("p_gain", "i_gain", "d_gain", "position_p_gain", "position_i_gain", "position_d_gain")
+_LOWERED_SHARE = 0.25
+
+
+class LoweredGains:
+    """Lowers the gains of servos in RAM for a time.
+
+    Args:
+        bus: The bus of the servos.
+    """
+
+    def __init__(self, bus: ServoBus) -> None:
+        self._bus, self._former = bus, dict[int, dict[Register, int]]()
+
+    def lower(self, servo_id: int) -> float:
+        """Lower the gains of a servo; return how many times softer it is.
+
+        The result is 1, and the gains stay, if they cannot be written or remembered.
+        """
+        bus, servo = self._bus, self._bus.servos[servo_id]
+        registers = [servo.table.registers[n] for n in _LOWERED if n in servo.table.registers]
+        if not registers or servo_id in self._former or _former_path(bus, servo).exists():
+            return 1.0
+        try:
+            former = bus.sync_read_many([servo_id], registers, raw=True).require_all()[servo_id]
+            new = {r: max(round(_LOWERED_SHARE * raw), 1) for r, raw in former.items() if raw > 1}
+            note_former(bus, servo, {register: former[register] for register in new}, new)
+            self._former[servo_id] = {register: former[register] for register in new}
+            for register, raw in new.items():
+                bus.write_until_power_off(servo_id, register, raw)
+        except (BusError, FileWriteError, RegisterAccessError):
+            self.restore(servo_id)
+            return 1.0
+        p_gain = registers[0]
+        return former[p_gain] / new[p_gain] if p_gain in new else 1.0
+
+    def restore(self, servo_id: int) -> None:
+        """Write the former gains of a servo, if they were lowered."""
+        for register, raw in self._former.get(servo_id, {}).items():
+            self._bus.write_until_power_off(servo_id, register, raw)
+        if self._former.pop(servo_id, None) is not None:
+            forget_former(self._bus, self._bus.servos[servo_id])
+
+    def restore_all(self) -> None:
+        """Write the former gains of all servos."""
+        for servo_id in list(self._former):
+            self.restore(servo_id)
+
+
+_FORMER: TypeAdapter[dict[str, int | tuple[int, int]]] = TypeAdapter(
+    dict[str, int | tuple[int, int]]
+)
+_MOST_BYTES = 10_000
+
+
+def note_former(
+    bus: ServoBus,
+    servo: ServoSpec,
+    former: Mapping[Register, int],
+    lowered: Mapping[Register, int] | None = None,
+) -> None:
+    """Write the present values of a real servo to a file before others are tried.
+
+    Args:
+        bus: The bus.
+        servo: The servo.
+        former: The present values.
+        lowered: The new values of gains that are put back when the arm is opened again.
+
+    Raises:
+        FileWriteError: The file cannot be written.
+    """
+    if not is_simulator(bus.port.name):
+        rows = {r.name: (raw, lowered[r]) if lowered else raw for r, raw in former.items()}
+        write_atomic(_former_path(bus, servo), f"{json.dumps(rows)}\n")
+
+
+def forget_former(bus: ServoBus, servo: ServoSpec) -> None:
+    """Remove the file, because the servo keeps its present values."""
+    if (path := _former_path(bus, servo)).exists():
+        remove_durably(path)
+
+
+def forget_if_former(bus: ServoBus, servo: ServoSpec, registers: Container[Register]) -> None:
+    """Remove the file if it has any of the registers; keep a damaged file."""
+    with contextlib.suppress(FileFormatError):
+        if any(register in registers for register in read_former(bus, servo)):
+            forget_former(bus, servo)
+
+
+def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
+    """Return the values from before an interrupted trial; empty if no trial was interrupted.
+
+    Raises:
+        FileFormatError: The file is damaged.
+    """
+    rows = _read_former(bus, servo)
+    return {register: raw if isinstance(raw, int) else raw[0] for register, raw in rows.items()}
+
+
+def _read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int | tuple[int, int]]:
+    path = _former_path(bus, servo)
+    if not path.exists():
+        return {}
+    try:
+        former = _FORMER.validate_json(read_text(path, _MOST_BYTES), strict=True)
+        return {servo.table.registers[name]: raw for name, raw in former.items()}
+    except (ValidationError, ValueError, KeyError, RecursionError) as error:
+        way_out = "register values; rename the file, then switch the servo's power off and on"
+        raise FileFormatError(path, "", "is damaged", way_out) from error
+
+
+def tried_differences(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:
+    """Return the trial values that an interrupted trial has left in a servo.
+
+    Raises:
+        FileFormatError: The file is damaged.
+        BusError: The servo does not reply.
+    """
+    former = read_former(bus, servo)
+    return register_differences(bus, servo.id, {**former}) if former else []
+
+
+def restore_former(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:
+    """Write the values from before an interrupted trial, and return the changes.
+
+    Raises:
+        FileFormatError: The file is damaged.
+        BusError: The servo does not reply.
+    """
+    changes = tried_differences(bus, servo)
+    for each in changes:
+        bus.write_until_power_off(servo.id, each.register, each.expected)
+    forget_former(bus, servo)
+    return changes
+
+
+def restore_lowered(bus: ServoBus) -> list[str]:
+    """Put back gains that a killed program has left lowered; return the servos and changes.
+
+    Gains that were changed since are kept, and so are the values of a trial.
+
+    Raises:
+        BusError: A servo does not reply.
+    """
+    restored: list[str] = []
+    for servo in bus.servos.values():
+        with contextlib.suppress(FileFormatError, FileWriteError):
+            rows = _read_former(bus, servo)
+            lowered = {r: raw for r, raw in rows.items() if isinstance(raw, tuple)}
+            if not lowered:
+                continue
+            left = register_differences(bus, servo.id, {r: raw for r, (raw, _) in lowered.items()})
+            left = [each for each in left if each.found == lowered[each.register][1]]
+            for each in left:
+                bus.write_until_power_off(servo.id, each.register, each.expected)
+            if left:
+                restored.append(f"{servo}: {', '.join(map(str, left))}")
+            forget_former(bus, servo)
+    return restored
+
+
+def _former_path(bus: ServoBus, servo: ServoSpec) -> Path:
+    owner = serial_number_of(bus.port.name) or "servos"
+    return config_dir() / "tried" / f"{owner}_{servo.id:03}_{servo.table.model_name}.json"

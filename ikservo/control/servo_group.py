@@ -21,7 +21,7 @@ from ikservo.control.feedback import (
     with_retries,
 )
 from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
-from ikservo.control.servo_gains import raise_gains, read_gain_shares
+from ikservo.control.servo_gains import LoweredGains, raise_gains, read_gain_shares
 from ikservo.control.servo_limits import (
     limit_torque,
     read_overload_rule,
@@ -67,6 +67,9 @@ class ServoGroup(StreamedServos):
         clock: The clock of the bus.
         health: The limits of temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
+
+    Attributes:
+        gains: Lowers the gains of servos that swing.
     """
 
     def __init__(
@@ -79,6 +82,7 @@ class ServoGroup(StreamedServos):
         gripper: str | None = None,
     ) -> None:
         super().__init__(bus, driven_joints, clock)
+        self.gains = LoweredGains(bus)
         self._gripper, self._sink_time_s = gripper, _SINK_TIME_S
         self._shadow_ids = {name: tuple(ids) for name, ids in shadows.items()}
         self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}

@@ -24,6 +24,8 @@ _MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would m
 _SWUNG_RAD_S = (0.015, 0.01)
 # It drifts on in its backlash when its goal has stopped; reversing then would throw it again.
 _SWUNG_ENOUGH_TICKS = 2
+# A joint whose servo is softened carries so little that its goal leads it by no more than this.
+_MAX_SOFT_LEAD_TICKS = 6.0
 # Near its target, the correction waits for a joint that has just moved, because it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -81,6 +83,8 @@ class GoalIntegrator:
         at: The last measured position, ticks.
         still_since_s: Time since which the joint is within sensor noise of its position.
         moved_s: Time of the last change of position, without changes back due to noise.
+        softness: The factor by which the servo is softer while its gains are lowered.
+        stiffens: Whether the goal was chosen for the former gains, which must now be put back.
     """
 
     def __init__(
@@ -105,6 +109,7 @@ class GoalIntegrator:
         self._filtered: float | None = None
         self._steady: float | None = None
         self._swing = SwingDamper()
+        self.softness, self.stiffens = 1.0, False
 
     @property
     def error_ticks(self) -> int:
@@ -187,9 +192,32 @@ class GoalIntegrator:
             self._swing.rest()
             self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
         self._brake = self._brake_for(tick, elapsed_s)
-        speed = self._desired_speed(time_s) if correcting else 0.0
-        change = self._acceleration * elapsed_s
+        speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
+        change = self.softness * self._acceleration * elapsed_s
+        may_stiffen = self.arrived or self.swings or not speed
+        if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
+            self.goal = self._inside(self.at + (self.goal - self.at) / self.softness)
+            self.softness, self.stiffens, self.still_since_s = 1.0, True, time_s
+            speed = 0.0
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
+
+    @property
+    def may_soften(self) -> bool:
+        """Whether lower gains may end a swing: the joint carries hardly anything."""
+        return (
+            self.swings
+            and self.softness == 1.0
+            and not self.stiffens
+            and self.target is not None
+            and abs(self.goal - self._swing.middle) <= _MAX_SOFT_LEAD_TICKS
+        )
+
+    def soften(self, softness: float) -> None:
+        """Adapt the goal to lower gains; its torque stays."""
+        self.goal = self._inside(
+            self._swing.middle + softness * (self.goal - self._swing.middle)
+        )
+        self.softness = softness
 
     def _brake_for(self, tick: int, elapsed_s: float) -> float:
         """Compute how far the goal goes back; a tick that flickers does not move it."""
@@ -224,7 +252,8 @@ class GoalIntegrator:
     @property
     def _along(self) -> float:
         """Displacement of the goal in phase with a swing; 0 if the joint only needs to rest."""
-        return 0.0 if self.target is None else self._swing.goal_ticks
+        soft = self.target is None or self.softness > 1.0
+        return 0.0 if soft else self._swing.goal_ticks
 
     def _inside(self, goal: float) -> float:
         return min(max(goal, self._low), self._high)
@@ -238,11 +267,11 @@ class GoalIntegrator:
         if self._swing.rests:
             return math.copysign(self._swung_speeds[self._swing.rests - 1], self.error_ticks)
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
-        low, high = self._stuck
+        low, high = (self.softness * each for each in self._stuck)
         lead = self._side * (self.goal - self.at)
         end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
         # At this speed the goal can still stop before friction releases the joint.
-        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
+        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0) / self.softness)
         return math.copysign(max(slowly, while_stuck), self.error_ticks)
 
     def _is_lead_limited(self) -> bool:

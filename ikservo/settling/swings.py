@@ -41,6 +41,7 @@ class SwingDamper:
     Attributes:
         ticks: The distance between the last two reversals of the joint.
         rests: The number of swings that came to rest.
+        middle: The middle of the swing, ticks.
         steady_s: Time for which the joint has not been corrected.
     """
 
@@ -49,7 +50,7 @@ class SwingDamper:
         self._at = self._turn = self._extreme = self._heading = 0
         self._turns = 0.0
         self._has_begun = self._has_turned = False
-        self._since_s, self._middle, self._share, self.steady_s = math.inf, 0.0, 0.0, 0.0
+        self._since_s, self.middle, self._share, self.steady_s = math.inf, 0.0, 0.0, 0.0
 
     @property
     def swings(self) -> bool:
@@ -59,7 +60,7 @@ class SwingDamper:
     @property
     def goal_ticks(self) -> float:
         """Displacement of the goal in phase with the swing."""
-        along = _SHARE * self._share * (self._at - self._middle)
+        along = _SHARE * self._share * (self._at - self.middle)
         return min(max(along, -_MAX_TICKS), _MAX_TICKS)
 
     def update(self, tick: int, time_s: float, elapsed_s: float, *, goal_moves: bool) -> None:
@@ -84,7 +85,7 @@ class SwingDamper:
             self._since_s = math.inf
         elif self._since_s == math.inf:
             self._since_s, self._share = time_s, 0.0
-            self._middle = self._turn + 0.5 * self._heading * self.ticks
+            self.middle = self._turn + 0.5 * self._heading * self.ticks
         else:
             self._share = min(self._share + elapsed_s / _SOFTEN_S, 1.0)
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ikservo.apps.workbench.tried_values import forget_former, note_former, restore_former
+from ikservo.control.servo_gains import forget_former, note_former, restore_former
 from ikservo.arm.arm import Arm
 from ikservo.control.loop import ControlCycle
 from ikservo.control.stop_requests import exiting_on_signals
