@@ -17,7 +17,6 @@ _FRICTION_MARGIN = 0.15
 # While the joint jumps its goal goes back: otherwise it would overshoot.
 _BRAKE_S = 0.05  # the goal goes back by this time multiplied by the joint's speed
 _BRAKE_FILTER_S = 0.02  # filter of that speed
-_FLICKER_TICKS = 0.5  # a joint between two ticks does not move
 _MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would make it leap
 # A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
 # the horn], because it must not coast across its backlash.
@@ -26,6 +25,9 @@ _SWUNG_RAD_S = (0.015, 0.01)
 _SWUNG_ENOUGH_TICKS = 2
 # A joint whose servo is softened carries so little that its goal leads it by no more than this.
 _MAX_SOFT_LEAD_TICKS = 6.0
+# At the target, the goal of a loaded joint goes back from the edge of the friction band by this part
+# of the band, but at least by these ticks, so that friction does not release it later.
+_RELIEF, _RELIEF_TICKS = 0.1, 2.0
 # Near its target, the correction waits for a joint that has just moved, because it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -35,6 +37,7 @@ _AT_REST_S = 0.06
 _UNLOADED_REST_S = 0.15
 # Sensor noise is below this.
 _NOISE_TICKS = 1
+_IDLE_TICKS = 3  # a joint that only has to come to rest, such as a gripper, may flicker by this
 
 
 class Saturation(Enum):
@@ -104,10 +107,12 @@ class GoalIntegrator:
         self._lead = driven.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
         self.moved_s, self.still_since_s = -math.inf, 0.0
-        self._side, self._furthest, self._enough = 0, 0, 0
+        self._unloaded = stuck[0] < 0.0 < stuck[1]
+        self._side, self._furthest, self._enough = 0, 0, int(self._unloaded)
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
-        self._steady: float | None = None
+        self._steady = self._left = self.at
+        self._holds, self._relief = False, 1.0
         self._swing = SwingDamper()
         self.softness, self.stiffens = 1.0, False
 
@@ -123,7 +128,7 @@ class GoalIntegrator:
         low, high = self._stuck
         # Gears without load would have to change their flank on the way to the target.
         would_cross_backlash = low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
-        return beside <= self._enough or (beside == 1 and would_cross_backlash)
+        return beside <= max(self._enough, self._holds) or (beside == 1 and would_cross_backlash)
 
     @property
     def swings(self) -> bool:
@@ -164,6 +169,8 @@ class GoalIntegrator:
         """
         low, high = self._stuck
         still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
+        if self.target is None:
+            return still_s < _AT_REST_S
         if low < 0.0 < high and min(still_s, self._swing.steady_s) < _UNLOADED_REST_S:
             return True
         return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
@@ -183,9 +190,12 @@ class GoalIntegrator:
     ) -> None:
         """Process the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
+        ahead = self._side * (tick - self._steady)
         self._track_motion(tick, time_s)
-        moves = bool(self._rate) or abs(self._brake) >= 1.0
-        self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
+        self._holds = self.arrived
+        if ahead > 0 and self._moved(tick) and self._holds and self._unloaded:
+            self._relieve()
+        self._swing.update(tick, time_s, elapsed_s, goal_moves=bool(self._rate))
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
             # The swing has ended: the goal continues from here, so that the torque stays.
             self.goal = self._inside(self.goal + self._along)
@@ -193,6 +203,8 @@ class GoalIntegrator:
             self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
         self._brake = self._brake_for(tick, elapsed_s)
         speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
+        if self._rate and not correcting:
+            self._relieve()
         change = self.softness * self._acceleration * elapsed_s
         may_stiffen = self.arrived or self.swings or not speed
         if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
@@ -219,14 +231,29 @@ class GoalIntegrator:
         )
         self.softness = softness
 
+    def _moved(self, tick: int) -> bool:
+        return tick not in (self._steady, self._left)  # between two ticks it does not move
+
+    def _relieve(self) -> None:
+        """Move the goal back from where friction has just released the joint, or soon would."""
+        low, high = (self.softness * each for each in self._stuck)
+        goal = (self.at if self.target is None else self.target) + 0.5 * (low + high)
+        if not self._unloaded:
+            most = 0.5 * (high - low)
+            beyond = self._side * (self.goal - goal)
+            goal = self.goal - self._side * min(max(beyond, 0.0), most)
+        self.goal = self._inside(self.goal + self._relief * (goal - self.goal))
+        self._relief *= 0.5  # a load that the model does not know may have moved the joint back
+
     def _brake_for(self, tick: int, elapsed_s: float) -> float:
         """Compute how far the goal goes back; a tick that flickers does not move it."""
-        steady, filtered = self._steady, self._filtered
-        if steady is None or filtered is None or self.target is None:
-            steady = filtered = float(tick)
-        self._steady = min(max(steady, tick - _FLICKER_TICKS), tick + _FLICKER_TICKS)
-        if (self._steady - steady) * (steady - filtered) < 0.0:  # the joint has turned
-            filtered = steady
+        filtered = self._filtered
+        if filtered is None or self.target is None:
+            self._steady = self._left = filtered = tick
+        if self._moved(tick):
+            if (tick - self._steady) * (self._steady - filtered) < 0.0:  # the joint has turned
+                filtered = self._steady
+            self._left, self._steady = self._steady, tick
         rate = min(elapsed_s / _BRAKE_FILTER_S, 1.0)
         self._filtered = filtered + rate * (self._steady - filtered)
         brake = _BRAKE_S / _BRAKE_FILTER_S * (self._steady - self._filtered)
@@ -239,7 +266,7 @@ class GoalIntegrator:
             if tick != self._before:  # returning to the previous tick is noise
                 self.moved_s = time_s
             self._before, self.at = self.at, tick
-        if abs(tick - self._anchor) > _NOISE_TICKS:
+        if abs(tick - self._anchor) > (_IDLE_TICKS if self.target is None else _NOISE_TICKS):
             self._anchor, self.still_since_s = tick, time_s
         side = (self.error_ticks > 0) - (self.error_ticks < 0)
         if side * self._side < 0:
