@@ -191,10 +191,12 @@ class GoalIntegrator:
         """Process the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         ahead = self._side * (tick - self._steady)
+        if self._rate and self._side * (tick - self.at) > 0:
+            self.moved_s = time_s  # friction may just have released it
         self._track_motion(tick, time_s)
         self._holds = self.arrived
-        if ahead > 0 and self._moved(tick) and self._holds and self._unloaded:
-            self._relieve()
+        if ahead > 0 and self._moved(tick) and self._holds:
+            self._relieve(time_s)
         self._swing.update(tick, time_s, elapsed_s, goal_moves=bool(self._rate))
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
             # The swing has ended: the goal continues from here, so that the torque stays.
@@ -204,7 +206,7 @@ class GoalIntegrator:
         self._brake = self._brake_for(tick, elapsed_s)
         speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
         if self._rate and not correcting:
-            self._relieve()
+            self._relieve(time_s)
         change = self.softness * self._acceleration * elapsed_s
         may_stiffen = self.arrived or self.swings or not speed
         if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
@@ -234,7 +236,7 @@ class GoalIntegrator:
     def _moved(self, tick: int) -> bool:
         return tick not in (self._steady, self._left)  # between two ticks it does not move
 
-    def _relieve(self) -> None:
+    def _relieve(self, time_s: float) -> None:
         """Move the goal back from where friction has just released the joint, or soon would."""
         low, high = (self.softness * each for each in self._stuck)
         goal = (self.at if self.target is None else self.target) + 0.5 * (low + high)
@@ -243,6 +245,7 @@ class GoalIntegrator:
             beyond = self._side * (self.goal - goal)
             goal = self.goal - self._side * min(max(beyond, 0.0), most)
         self.goal = self._inside(self.goal + self._relief * (goal - self.goal))
+        self.still_since_s = time_s
         self._relief *= 0.5  # a load that the model does not know may have moved the joint back
 
     def _brake_for(self, tick: int, elapsed_s: float) -> float:
