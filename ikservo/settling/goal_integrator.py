@@ -260,7 +260,8 @@ class GoalIntegrator:
         rate = min(elapsed_s / _BRAKE_FILTER_S, 1.0)
         self._filtered = filtered + rate * (self._steady - filtered)
         brake = _BRAKE_S / _BRAKE_FILTER_S * (self._steady - self._filtered)
-        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
+        # Goals must not move at rest; delayed by the bus, a brake would drive a swing.
+        if abs(brake) < 1.0 or self._swing.turns:
             return 0.0
         return min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
