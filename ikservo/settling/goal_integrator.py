@@ -112,6 +112,7 @@ class GoalIntegrator:
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
         self._steady = self._left = self.at
+        self._released_s = -math.inf
         self._holds, self._relief = False, 1.0
         self._swing = SwingDamper()
         self.softness, self.stiffens = 1.0, False
@@ -168,7 +169,8 @@ class GoalIntegrator:
         A joint that friction has just released may not yet have moved further than noise.
         """
         low, high = self._stuck
-        still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
+        still_s = time_s - max(self.still_since_s, self._released_s)
+        last_s = time_s - self.moved_s
         if self.target is None:
             return still_s < _AT_REST_S
         if low < 0.0 < high and min(still_s, self._swing.steady_s) < _UNLOADED_REST_S:
@@ -192,7 +194,7 @@ class GoalIntegrator:
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         ahead = self._side * (tick - self._steady)
         if self._rate and self._side * (tick - self.at) > 0:
-            self.moved_s = time_s  # friction may just have released it
+            self._released_s = time_s  # perhaps
         self._track_motion(tick, time_s)
         self._holds = self.arrived
         if ahead > 0 and self._moved(tick) and self._holds:
@@ -210,7 +212,8 @@ class GoalIntegrator:
         change = self.softness * self._acceleration * elapsed_s
         may_stiffen = self.arrived or self.swings or not speed
         if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
-            self.goal = self._inside(self.at + (self.goal - self.at) / self.softness)
+            lead = (self.goal - self.at) / self.softness
+            self.goal = self._inside(self.at + 0.5 * lead + 0.25 * sum(self._stuck))
             self.softness, self.stiffens, self.still_since_s = 1.0, True, time_s
             speed = 0.0
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
@@ -245,7 +248,7 @@ class GoalIntegrator:
             beyond = self._side * (self.goal - goal)
             goal = self.goal - self._side * min(max(beyond, 0.0), most)
         self.goal = self._inside(self.goal + self._relief * (goal - self.goal))
-        self.still_since_s = time_s
+        self._released_s = time_s
         self._relief *= 0.5  # a load that the model does not know may have moved the joint back
 
     def _brake_for(self, tick: int, elapsed_s: float) -> float:
