@@ -22,7 +22,7 @@ _MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would m
 # the horn], because it must not coast across its backlash.
 _SWUNG_RAD_S = (0.015, 0.01)
 # It drifts on in its backlash when its goal has stopped; reversing then would throw it again.
-_SWUNG_ENOUGH_TICKS = 2
+_SWUNG_ENOUGH_TICKS = 3
 # A joint whose servo is softened carries so little that its goal leads it by no more than this.
 _MAX_SOFT_LEAD_TICKS = 6.0
 # At the target, the goal of a loaded joint goes back from the edge of the friction band by this part
@@ -204,7 +204,7 @@ class GoalIntegrator:
             # The swing has ended: the goal continues from here, so that the torque stays.
             self.goal = self._inside(self.goal + self._along)
             self._swing.rest()
-            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
+            self._furthest, self._enough, self._relief = 0, _SWUNG_ENOUGH_TICKS, 1.0
         self._brake = self._brake_for(tick, elapsed_s)
         speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
         if self._rate and not correcting:
@@ -212,8 +212,8 @@ class GoalIntegrator:
         change = self.softness * self._acceleration * elapsed_s
         may_stiffen = self.arrived or self.swings or not speed
         if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
-            lead = (self.goal - self.at) / self.softness
-            self.goal = self._inside(self.at + 0.5 * lead + 0.25 * sum(self._stuck))
+            lead = self._held_lead((self.goal - self.at) / self.softness)
+            self.goal = self._inside(self.at + lead)
             self.softness, self.stiffens, self.still_since_s = 1.0, True, time_s
             speed = 0.0
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
@@ -221,20 +221,19 @@ class GoalIntegrator:
     @property
     def may_soften(self) -> bool:
         """Whether lower gains may end a swing: the joint carries hardly anything."""
-        return (
-            self.swings
-            and self.softness == 1.0
-            and not self.stiffens
-            and self.target is not None
-            and abs(self.goal - self._swing.middle) <= _MAX_SOFT_LEAD_TICKS
-        )
+        is_usual = self.swings and self.softness == 1.0 and not self.stiffens
+        near = self.target is not None and abs(self.goal - self.target) <= _MAX_SOFT_LEAD_TICKS
+        return is_usual and near
 
     def soften(self, softness: float) -> None:
-        """Adapt the goal to lower gains; its torque stays."""
-        self.goal = self._inside(
-            self._swing.middle + softness * (self.goal - self._swing.middle)
-        )
-        self.softness = softness
+        """Adapt the goal to lower gains, so that the servo pulls the joint to its target."""
+        if softness > 1.0 and self.target is not None:
+            lead = self._held_lead(self.goal - self.target)
+            self.goal, self.softness = self._inside(self.target + softness * lead), softness
+
+    def _held_lead(self, lead: float) -> float:
+        """Estimate the lead at which friction holds the joint, from an observed lead."""
+        return 0.5 * lead + 0.25 * sum(self._stuck)
 
     def _moved(self, tick: int) -> bool:
         return tick not in (self._steady, self._left)  # between two ticks it does not move
