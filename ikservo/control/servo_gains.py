@@ -16,7 +16,7 @@ from types import MappingProxyType
 from pydantic import TypeAdapter, ValidationError
 
 from ikservo.control.feedback import read_registers
-from ikservo.errors import BusError, FileFormatError, RegisterAccessError
+from ikservo.errors import FileFormatError, RegisterAccessError
 from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import FileWriteError, remove_durably, write_atomic
 from ikservo.guard import DrivenJoint
@@ -95,39 +95,51 @@ class LoweredGains:
     def __init__(self, bus: ServoBus) -> None:
         self._bus, self._former = bus, dict[int, dict[Register, int]]()
 
+    @property
+    def servo_ids(self) -> list[int]:
+        """The servos whose gains are lowered, or may be."""
+        return list(self._former)
+
     def lower(self, servo_id: int) -> float:
         """Lower the gains of a servo; return how many times softer it is.
 
         The result is 1, and the gains stay, if they cannot be written or remembered.
+
+        Raises:
+            BusError: A servo does not reply any more.
         """
         bus, servo = self._bus, self._bus.servos[servo_id]
-        registers = [servo.table.registers[n] for n in _LOWERED if n in servo.table.registers]
-        if not registers or servo_id in self._former or _former_path(bus, servo).exists():
+        known = [servo.table.registers[n] for n in _LOWERED if n in servo.table.registers]
+        if not known or _former_path(bus, servo).exists():  # another program's trial
             return 1.0
+        read = bus.sync_read_many([servo_id], known, raw=True).require_all()[servo_id]
+        former = {register: raw for register, raw in read.items() if raw > 1}
+        lowered = {register: round(raw * _LOWERED_SHARE) or 1 for register, raw in former.items()}
         try:
-            former = bus.sync_read_many([servo_id], registers, raw=True).require_all()[servo_id]
-            new = {r: max(round(_LOWERED_SHARE * raw), 1) for r, raw in former.items() if raw > 1}
-            note_former(bus, servo, {register: former[register] for register in new}, new)
-            self._former[servo_id] = {register: former[register] for register in new}
-            for register, raw in new.items():
+            note_former(bus, servo, former, lowered)
+        except FileWriteError:
+            return 1.0
+        self._former[servo_id] = former
+        try:
+            for register, raw in lowered.items():
                 bus.write_until_power_off(servo_id, register, raw)
-        except (BusError, FileWriteError, RegisterAccessError):
+        except RegisterAccessError:  # the servo would store them
             self.restore(servo_id)
             return 1.0
-        p_gain = registers[0]
-        return former[p_gain] / new[p_gain] if p_gain in new else 1.0
+        return former[known[0]] / lowered[known[0]] if known[0] in former else 1.0
 
     def restore(self, servo_id: int) -> None:
-        """Write the former gains of a servo, if they were lowered."""
-        for register, raw in self._former.get(servo_id, {}).items():
-            self._bus.write_until_power_off(servo_id, register, raw)
-        if self._former.pop(servo_id, None) is not None:
-            forget_former(self._bus, self._bus.servos[servo_id])
+        """Write the former gains of a servo, if they were lowered.
 
-    def restore_all(self) -> None:
-        """Write the former gains of all servos."""
-        for servo_id in list(self._former):
-            self.restore(servo_id)
+        Raises:
+            BusError: The servo does not reply; its gains will be restored when the arm is opened.
+        """
+        for register, raw in self._former.get(servo_id, {}).items():
+            with contextlib.suppress(RegisterAccessError):  # which also refused the lowered value
+                self._bus.write_until_power_off(servo_id, register, raw)
+        if self._former.pop(servo_id, None) is not None:
+            with contextlib.suppress(FileWriteError):  # the next opening removes the file
+                forget_former(self._bus, self._bus.servos[servo_id])
 
 
 _FORMER: TypeAdapter[dict[str, int | tuple[int, int]]] = TypeAdapter(
@@ -219,7 +231,7 @@ def restore_former(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:
 
 
 def restore_lowered(bus: ServoBus) -> list[str]:
-    """Put back gains that a killed program has left lowered; return the servos and changes.
+    """Put back gains that a killed program has left lowered; return a warning for each servo.
 
     Gains that were changed since are kept, and so are the values of a trial.
 
@@ -228,7 +240,7 @@ def restore_lowered(bus: ServoBus) -> list[str]:
     """
     restored: list[str] = []
     for servo in bus.servos.values():
-        with contextlib.suppress(FileFormatError, FileWriteError):
+        with contextlib.suppress(FileFormatError, FileWriteError, RegisterAccessError):
             rows = _read_former(bus, servo)
             lowered = {r: raw for r, raw in rows.items() if isinstance(raw, tuple)}
             if not lowered:
@@ -238,7 +250,10 @@ def restore_lowered(bus: ServoBus) -> list[str]:
             for each in left:
                 bus.write_until_power_off(servo.id, each.register, each.expected)
             if left:
-                restored.append(f"{servo}: {', '.join(map(str, left))}")
+                restored.append(
+                    f"{servo} still had the gains that a killed program had lowered; they were put "
+                    f"back: {', '.join(map(str, left))}."
+                )
             forget_former(bus, servo)
     return restored
 

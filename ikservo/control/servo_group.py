@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Generator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -30,6 +30,7 @@ from ikservo.control.servo_limits import (
 from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
+from ikservo.errors import IkservoError
 from ikservo.guard import (
     DrivenJoint,
     HealthLimits,
@@ -157,7 +158,7 @@ class ServoGroup(StreamedServos):
         for error in torque_off(self._bus, (servo_id, *self._shadow_ids.get(joint, ()))).values():
             raise error
 
-    @contextmanager
+    @contextlib.contextmanager
     def tolerate_heat(self) -> Generator[None]:
         """Allow motions of an overheated arm within the block.
 
@@ -168,6 +169,30 @@ class ServoGroup(StreamedServos):
             yield
         finally:
             self._health = usual
+
+    def restore_gains(self) -> None:
+        """Put back gains that are still lowered; joints hold where they are.
+
+        If a servo does not reply, a warning says so, and the next opening of the arm puts its gains
+        back.
+        """
+        lowered = self.gains.servo_ids
+        if not lowered:
+            return
+        rows = zip(self._ids, self._feedback.latest, strict=True)
+        with contextlib.suppress(IkservoError):
+            self._send(self._gate.pass_hold([tick if i in lowered else None for i, tick in rows]))
+        for servo_id in lowered:
+            restore = partial(self.gains.restore, servo_id)
+            try:
+                try:
+                    restore()
+                except (KeyboardInterrupt, SystemExit):  # such as a second Ctrl-C
+                    restore()
+                    raise
+            except IkservoError as error:
+                text = f"its gains are still lowered until the arm is opened again: {error.message}"
+                self.log_warning(f"{self._bus.servos[servo_id]}: {text}")
 
     @property
     def bus(self) -> ServoBus:

@@ -25,9 +25,6 @@ _SWUNG_RAD_S = (0.015, 0.01)
 _SWUNG_ENOUGH_TICKS = 3
 # A joint whose servo is softened carries so little that its goal leads it by no more than this.
 _MAX_SOFT_LEAD_TICKS = 6.0
-# At the target, the goal of a loaded joint goes back from the edge of the friction band by this part
-# of the band, but at least by these ticks, so that friction does not release it later.
-_RELIEF, _RELIEF_TICKS = 0.1, 2.0
 # Near its target, the correction waits for a joint that has just moved, because it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -88,6 +85,7 @@ class GoalIntegrator:
         moved_s: Time of the last change of position, without changes back due to noise.
         softness: The factor by which the servo is softer while its gains are lowered.
         stiffens: Whether the goal was chosen for the former gains, which must now be put back.
+        was_softened: Whether gains were lowered.
     """
 
     def __init__(
@@ -115,7 +113,7 @@ class GoalIntegrator:
         self._released_s = -math.inf
         self._holds, self._relief = False, 1.0
         self._swing = SwingDamper()
-        self.softness, self.stiffens = 1.0, False
+        self.softness, self.stiffens, self.was_softened, self._softens = 1.0, False, False, True
 
     @property
     def error_ticks(self) -> int:
@@ -221,13 +219,15 @@ class GoalIntegrator:
     @property
     def may_soften(self) -> bool:
         """Whether lower gains may end a swing: the joint carries hardly anything."""
-        is_usual = self.swings and self.softness == 1.0 and not self.stiffens
+        is_usual = self._softens and self.swings and self.softness == 1.0 and not self.stiffens
         near = self.target is not None and abs(self.goal - self.target) <= _MAX_SOFT_LEAD_TICKS
         return is_usual and near
 
     def soften(self, softness: float) -> None:
         """Adapt the goal to lower gains, so that the servo pulls the joint to its target."""
-        if softness > 1.0 and self.target is not None:
+        self._softens = softness > 1.0
+        if self._softens and self.target is not None:
+            self.was_softened = True
             lead = self._held_lead(self.goal - self.target)
             self.goal, self.softness = self._inside(self.target + softness * lead), softness
 

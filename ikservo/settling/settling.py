@@ -136,8 +136,10 @@ class SettlingTrajectory:
 
     @property
     def residuals(self) -> tuple[str, ...]:
-        """Descriptions of the joints that did not arrive, with distance and reason."""
-        return tuple(_describe_residual(j, self._updated_s) for j in self._missed)
+        """Descriptions of the joints that did not arrive, and of those whose gains were lowered."""
+        missed = tuple(_describe_residual(j, self._updated_s) for j in self._missed)
+        softened = (j.driven.joint for j in self.joints if j.was_softened)
+        return missed + tuple(f"{n}'s gains were lowered while it swung" for n in softened)
 
     @property
     def _missed(self) -> list[GoalIntegrator]:
@@ -323,6 +325,6 @@ def _run_settling(
     try:
         loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
     finally:
-        servos.gains.restore_all()
+        servos.restore_gains()
     servos.set_reference(trajectory.measured)
     return trajectory
