@@ -14,10 +14,6 @@ _FRACTION_PER_S = 4.0  # the goal moves by this fraction of the error per second
 _MIN_RAD_S = 16 * math.tau / 4096  # at the horn, not slower: stiction must be overcome soon
 # A servo may have less friction than the model, by this fraction of both directions together.
 _FRICTION_MARGIN = 0.15
-# While the joint jumps its goal goes back: otherwise it would overshoot.
-_BRAKE_S = 0.05  # the goal goes back by this time multiplied by the joint's speed
-_BRAKE_FILTER_S = 0.02  # filter of that speed
-_MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would make it leap
 # A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
 # the horn], because it must not coast across its backlash.
 _SWUNG_RAD_S = (0.015, 0.01)
@@ -65,10 +61,10 @@ class GoalIntegrator:
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
     When it has crossed the target, or is pressed away from it, an error of one tick is accepted,
     because reversing would cross the backlash and make it jump further. Each time it jumps over the
-    target again, the accepted error doubles. While it moves, its goal moves back, against its
-    speed, so that the jump is short. The servo of a joint that swings is softened until the joint
-    rests (``SwingDamper``); the joint is then corrected slowly. If this starts swings repeatedly,
-    the goal stays.
+    target again, the accepted error doubles. When it arrives, its goal goes back from the edge of
+    the friction band, so that friction does not release it again. The servo of a joint that swings
+    is softened until the joint rests (``SwingDamper``), by lower gains if it carries nothing; the
+    joint is then corrected slowly. If this starts swings repeatedly, the goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -107,11 +103,8 @@ class GoalIntegrator:
         self.moved_s, self.still_since_s = -math.inf, 0.0
         self._unloaded = stuck[0] < 0.0 < stuck[1]
         self._side, self._furthest, self._enough = 0, 0, int(self._unloaded)
-        self._rate = self._brake = 0.0
-        self._filtered: float | None = None
-        self._steady = self._left = self.at
-        self._released_s = -math.inf
-        self._holds, self._relief = False, 1.0
+        self._rate, self._released_s, self._relief = 0.0, -math.inf, 1.0
+        self._holds = self._pushed = False
         self._swing = SwingDamper()
         self.softness, self.stiffens, self.was_softened, self._softens = 1.0, False, False, True
 
@@ -180,7 +173,7 @@ class GoalIntegrator:
 
         A goal outside the limits that has moved closer to them does not move back out.
         """
-        goal = self._inside(self.goal + self._rate * after_s + self._along - self._brake)
+        goal = self._inside(self.goal + self._rate * after_s + self._along)
         low, high = self.driven.tick_range
         self._low, self._high = min(low, max(self._low, goal)), max(high, min(self._high, goal))
         return goal
@@ -190,12 +183,11 @@ class GoalIntegrator:
     ) -> None:
         """Process the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
-        ahead = self._side * (tick - self._steady)
         if self._rate and self._side * (tick - self.at) > 0:
             self._released_s = time_s  # perhaps
         self._track_motion(tick, time_s)
         self._holds = self.arrived
-        if ahead > 0 and self._moved(tick) and self._holds:
+        if self._pushed and (self._holds or not correcting):
             self._relieve(time_s)
         self._swing.update(tick, time_s, elapsed_s, goal_moves=bool(self._rate))
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
@@ -203,10 +195,7 @@ class GoalIntegrator:
             self.goal = self._inside(self.goal + self._along)
             self._swing.rest()
             self._furthest, self._enough, self._relief = 0, _SWUNG_ENOUGH_TICKS, 1.0
-        self._brake = self._brake_for(tick, elapsed_s)
         speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
-        if self._rate and not correcting:
-            self._relieve(time_s)
         change = self.softness * self._acceleration * elapsed_s
         may_stiffen = self.arrived or self.swings or not speed
         if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
@@ -215,6 +204,7 @@ class GoalIntegrator:
             self.softness, self.stiffens, self.still_since_s = 1.0, True, time_s
             speed = 0.0
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
+        self._pushed = self._pushed or self._rate != 0.0
 
     @property
     def may_soften(self) -> bool:
@@ -235,9 +225,6 @@ class GoalIntegrator:
         """Estimate the lead at which friction holds the joint, from an observed lead."""
         return 0.5 * lead + 0.25 * sum(self._stuck)
 
-    def _moved(self, tick: int) -> bool:
-        return tick not in (self._steady, self._left)  # between two ticks it does not move
-
     def _relieve(self, time_s: float) -> None:
         """Move the goal back from where friction has just released the joint, or soon would."""
         low, high = (self.softness * each for each in self._stuck)
@@ -247,25 +234,8 @@ class GoalIntegrator:
             beyond = self._side * (self.goal - goal)
             goal = self.goal - self._side * min(max(beyond, 0.0), most)
         self.goal = self._inside(self.goal + self._relief * (goal - self.goal))
-        self._released_s = time_s
+        self._released_s, self._pushed = time_s, False
         self._relief *= 0.5  # a load that the model does not know may have moved the joint back
-
-    def _brake_for(self, tick: int, elapsed_s: float) -> float:
-        """Compute how far the goal goes back; a tick that flickers does not move it."""
-        filtered = self._filtered
-        if filtered is None or self.target is None:
-            self._steady = self._left = filtered = tick
-        if self._moved(tick):
-            if (tick - self._steady) * (self._steady - filtered) < 0.0:  # the joint has turned
-                filtered = self._steady
-            self._left, self._steady = self._steady, tick
-        rate = min(elapsed_s / _BRAKE_FILTER_S, 1.0)
-        self._filtered = filtered + rate * (self._steady - filtered)
-        brake = _BRAKE_S / _BRAKE_FILTER_S * (self._steady - self._filtered)
-        # Goals must not move at rest; delayed by the bus, a brake would drive a swing.
-        if abs(brake) < 1.0 or self._swing.turns:
-            return 0.0
-        return min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
     def _track_motion(self, tick: int, time_s: float) -> None:
         if tick != self.at:
