@@ -278,7 +278,7 @@ def test_joint_that_swung_and_creeps_past_target_is_not_reversed():
 
 def test_late_swing_of_joint_is_reported_without_error():
     def tick_at(time_s):
-        swung = time_s < 1.0 or time_s > 5.2
+        swung = time_s < 1.0 or time_s > 3.2
         return swing(12)(time_s) if swung else 1990
 
     trajectory = settle_with(tick_at)
