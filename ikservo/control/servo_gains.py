@@ -1,8 +1,7 @@
-"""Raise and lower servo gains in RAM, and remember former values on disk while others are tried.
+"""Raise and lower servo gains in RAM, and keep former values on disk while others are tried.
 
-A program that is killed leaves lowered or tried values in the servo until its power goes off. A
-file holds the former ones: of a trial ``{"p_gain": 32}``, of a lowered gain also the lowered value,
-``{"p_gain": [32, 8]}``.
+A program that is killed leaves the trial values in the servo until its power goes off; a file holds
+the former ones: ``{"p_gain": 32}``, or with the lowered value, ``{"p_gain": [32, 8]}``.
 """
 
 from __future__ import annotations
@@ -90,15 +89,13 @@ class LoweredGains:
 
     Args:
         bus: The bus of the servos.
+
+    Attributes:
+        former: The former gains of servos whose gains are lowered, by id.
     """
 
     def __init__(self, bus: ServoBus) -> None:
-        self._bus, self._former = bus, dict[int, dict[Register, int]]()
-
-    @property
-    def servo_ids(self) -> list[int]:
-        """The servos whose gains are lowered, or may be."""
-        return list(self._former)
+        self._bus, self.former = bus, dict[int, dict[Register, int]]()
 
     def lower(self, servo_id: int) -> float:
         """Lower the gains of a servo; return how many times softer it is.
@@ -106,45 +103,40 @@ class LoweredGains:
         The result is 1, and the gains stay, if they cannot be written or remembered.
 
         Raises:
-            BusError: A servo does not reply any more.
+            BusError: The servo does not reply.
         """
         bus, servo = self._bus, self._bus.servos[servo_id]
         known = [servo.table.registers[n] for n in _LOWERED if n in servo.table.registers]
         if not known or _former_path(bus, servo).exists():  # another program's trial
             return 1.0
         read = bus.sync_read_many([servo_id], known, raw=True).require_all()[servo_id]
-        former = {register: raw for register, raw in read.items() if raw > 1}
+        self.former[servo_id] = former = {r: raw for r, raw in read.items() if raw > 1}
         lowered = {register: round(raw * _LOWERED_SHARE) or 1 for register, raw in former.items()}
         try:
             note_former(bus, servo, former, lowered)
-        except FileWriteError:
-            return 1.0
-        self._former[servo_id] = former
-        try:
             for register, raw in lowered.items():
                 bus.write_until_power_off(servo_id, register, raw)
-        except RegisterAccessError:  # the servo would store them
+        except (FileWriteError, RegisterAccessError):  # the servo would store them
             self.restore(servo_id)
             return 1.0
         return former[known[0]] / lowered[known[0]] if known[0] in former else 1.0
 
     def restore(self, servo_id: int) -> None:
-        """Write the former gains of a servo, if they were lowered.
+        """Write the former gains of a servo whose gains were lowered.
 
         Raises:
             BusError: The servo does not reply; its gains will be restored when the arm is opened.
         """
-        for register, raw in self._former.get(servo_id, {}).items():
+        for register, raw in self.former[servo_id].items():
             with contextlib.suppress(RegisterAccessError):  # which also refused the lowered value
                 self._bus.write_until_power_off(servo_id, register, raw)
-        if self._former.pop(servo_id, None) is not None:
-            with contextlib.suppress(FileWriteError):  # the next opening removes the file
-                forget_former(self._bus, self._bus.servos[servo_id])
+        del self.former[servo_id]
+        with contextlib.suppress(FileWriteError):  # the next opening removes the file
+            forget_former(self._bus, self._bus.servos[servo_id])
 
 
-_FORMER: TypeAdapter[dict[str, int | tuple[int, int]]] = TypeAdapter(
-    dict[str, int | tuple[int, int]]
-)
+_Former = int | tuple[int, int]  # with the lowered value, if it was lowered
+_FORMER: TypeAdapter[dict[str, _Former]] = TypeAdapter(dict[str, _Former])
 _MOST_BYTES = 10_000
 
 
@@ -156,11 +148,7 @@ def note_former(
 ) -> None:
     """Write the present values of a real servo to a file before others are tried.
 
-    Args:
-        bus: The bus.
-        servo: The servo.
-        former: The present values.
-        lowered: The new values of gains that are put back when the arm is opened again.
+    If ``lowered`` has the new values, the present ones are put back when the arm is opened again.
 
     Raises:
         FileWriteError: The file cannot be written.
@@ -183,17 +171,12 @@ def forget_if_former(bus: ServoBus, servo: ServoSpec, registers: Container[Regis
             forget_former(bus, servo)
 
 
-def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
+def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, _Former]:
     """Return the values from before an interrupted trial; empty if no trial was interrupted.
 
     Raises:
         FileFormatError: The file is damaged.
     """
-    rows = _read_former(bus, servo)
-    return {register: raw if isinstance(raw, int) else raw[0] for register, raw in rows.items()}
-
-
-def _read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int | tuple[int, int]]:
     path = _former_path(bus, servo)
     if not path.exists():
         return {}
@@ -212,7 +195,8 @@ def tried_differences(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifferenc
         FileFormatError: The file is damaged.
         BusError: The servo does not reply.
     """
-    former = read_former(bus, servo)
+    rows = read_former(bus, servo)
+    former = {r: raw if isinstance(raw, int) else raw[0] for r, raw in rows.items()}
     return register_differences(bus, servo.id, {**former}) if former else []
 
 
@@ -231,7 +215,7 @@ def restore_former(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:
 
 
 def restore_lowered(bus: ServoBus) -> list[str]:
-    """Put back gains that a killed program has left lowered; return a warning for each servo.
+    """Put back gains that a killed program has left lowered; return a warning for each gain.
 
     Gains that were changed since are kept, and so are the values of a trial.
 
@@ -241,19 +225,14 @@ def restore_lowered(bus: ServoBus) -> list[str]:
     restored: list[str] = []
     for servo in bus.servos.values():
         with contextlib.suppress(FileFormatError, FileWriteError, RegisterAccessError):
-            rows = _read_former(bus, servo)
-            lowered = {r: raw for r, raw in rows.items() if isinstance(raw, tuple)}
-            if not lowered:
+            rows = read_former(bus, servo)
+            if not any(isinstance(raw, tuple) for raw in rows.values()):
                 continue
-            left = register_differences(bus, servo.id, {r: raw for r, (raw, _) in lowered.items()})
-            left = [each for each in left if each.found == lowered[each.register][1]]
+            changes = tried_differences(bus, servo)
+            left = [each for each in changes if rows[each.register] == (each.expected, each.found)]
             for each in left:
                 bus.write_until_power_off(servo.id, each.register, each.expected)
-            if left:
-                restored.append(
-                    f"{servo} still had the gains that a killed program had lowered; they were put "
-                    f"back: {', '.join(map(str, left))}."
-                )
+                restored.append(f"{servo}: gain lowered by a killed program, put back: {each}.")
             forget_former(bus, servo)
     return restored
 

@@ -176,22 +176,17 @@ class ServoGroup(StreamedServos):
         If a servo does not reply, a warning says so, and the next opening of the arm puts its gains
         back.
         """
-        lowered = self.gains.servo_ids
-        if not lowered:
+        if not self.gains.former:
             return
         rows = zip(self._ids, self._feedback.latest, strict=True)
+        held = [tick if i in self.gains.former else None for i, tick in rows]
         with contextlib.suppress(IkservoError):
-            self._send(self._gate.pass_hold([tick if i in lowered else None for i, tick in rows]))
-        for servo_id in lowered:
-            restore = partial(self.gains.restore, servo_id)
+            self._send(self._gate.pass_hold(held))
+        for servo_id in list(self.gains.former):
             try:
-                try:
-                    restore()
-                except (KeyboardInterrupt, SystemExit):  # such as a second Ctrl-C
-                    restore()
-                    raise
+                self.gains.restore(servo_id)
             except IkservoError as error:
-                text = f"its gains are still lowered until the arm is opened again: {error.message}"
+                text = f"its gains are lowered until the arm is opened again: {error.message}"
                 self.log_warning(f"{self._bus.servos[servo_id]}: {text}")
 
     @property

@@ -40,28 +40,26 @@ class SwingDamper:
 
     Attributes:
         ticks: The distance between the last two reversals of the joint.
-        turns: The number of reversals since the last rest; uncertain ones count half.
         rests: The number of swings that came to rest.
-        middle: The middle of the swing, ticks.
         steady_s: Time for which the joint has not been corrected.
     """
 
     def __init__(self) -> None:
         self.ticks = self.rests = 0
         self._at = self._turn = self._extreme = self._heading = 0
-        self.turns = 0.0
+        self._turns = 0.0
         self._has_begun = self._has_turned = False
-        self._since_s, self.middle, self._share, self.steady_s = math.inf, 0.0, 0.0, 0.0
+        self._since_s, self._middle, self._share, self.steady_s = math.inf, 0.0, 0.0, 0.0
 
     @property
     def swings(self) -> bool:
         """Whether the joint swings, or has swung too often to be corrected again."""
-        return self.turns >= _MIN_TURNS
+        return self._turns >= _MIN_TURNS
 
     @property
     def goal_ticks(self) -> float:
         """Displacement of the goal in phase with the swing."""
-        along = _SHARE * self._share * (self._at - self.middle)
+        along = _SHARE * self._share * (self._at - self._middle)
         return min(max(along, -_MAX_TICKS), _MAX_TICKS)
 
     def update(self, tick: int, time_s: float, elapsed_s: float, *, goal_moves: bool) -> None:
@@ -86,7 +84,7 @@ class SwingDamper:
             self._since_s = math.inf
         elif self._since_s == math.inf:
             self._since_s, self._share = time_s, 0.0
-            self.middle = self._turn + 0.5 * self._heading * self.ticks
+            self._middle = self._turn + 0.5 * self._heading * self.ticks
         else:
             self._share = min(self._share + elapsed_s / _SOFTEN_S, 1.0)
 
@@ -96,7 +94,7 @@ class SwingDamper:
         self.ticks = abs(self._extreme - self._turn)
         is_sure = self.steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
         if self._heading:
-            self.turns += 1.0 if is_sure else _SHARE_OF_STICTION
+            self._turns += 1.0 if is_sure else _SHARE_OF_STICTION
         self._turn, self._extreme = self._extreme, tick
         self._heading = 1 if tick > self._turn else -1
 
@@ -116,7 +114,7 @@ class SwingDamper:
         """Reset the counts of a swing when the joint rests and is corrected again."""
         self.rests += 1
         self._turn = self._extreme = self._at
-        self.turns = self._share = 0.0
+        self._turns = self._share = 0.0
         self._heading = 0
 
 

@@ -122,9 +122,12 @@ def test_next_opening_puts_back_gains_of_killed_program(port):
     kill_while_lowered(port)
     with ikservo.open_arm("so101", port) as arm:
         assert read_p_gain(arm) == 32
-        (warning,) = servo_group(arm).warnings
-        assert "put back" in warning
-        assert "p_gain 8 → 32" in warning
+        warnings = servo_group(arm).warnings
+        assert all("put back" in each for each in warnings)
+        assert [each.split("put back: ")[1] for each in warnings] == [
+            "p_gain 8 → 32.",
+            "d_gain 8 → 32.",
+        ]
         assert list((config_dir() / "tried").iterdir()) == []
         assert not [each for each in check_servos(servo_group(arm).bus, None)
                     if each.topic == "trial"]  # fmt: skip
@@ -137,7 +140,7 @@ def test_opening_keeps_gain_that_was_changed_since(port):
         assert servo_group(arm).gains.lower(PAN) == 4.0
         bus.write_until_power_off(PAN, servo.table.registers["p_gain"], 20)
         (restored,) = restore_lowered(bus)
-        assert "p_gain" not in restored
+        assert "d_gain" in restored
         assert read_p_gain(arm) == 20
 
 
