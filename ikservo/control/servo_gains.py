@@ -100,17 +100,20 @@ class LoweredGains:
     def lower(self, servo_id: int) -> float:
         """Lower the gains of a servo; return how many times softer it is.
 
-        The result is 1, and the gains stay, if they cannot be written or remembered.
+        The result is 1, and the gains stay, if they cannot be remembered or belong to a trial.
 
         Raises:
             BusError: The servo does not reply.
         """
         bus, servo = self._bus, self._bus.servos[servo_id]
         known = [servo.table.registers[n] for n in _LOWERED if n in servo.table.registers]
-        if not known or _former_path(bus, servo).exists():  # another program's trial
+        if not known or _former_path(bus, servo).exists():
             return 1.0
-        read = bus.sync_read_many([servo_id], known, raw=True).require_all()[servo_id]
-        self.former[servo_id] = former = {r: raw for r, raw in read.items() if raw > 1}
+        read = bus.sync_read_many([servo_id], known, raw=True).values.get(servo_id, {})
+        former = {register: raw for register, raw in read.items() if raw > 1}
+        if known[0] not in former:
+            return 1.0
+        self.former[servo_id] = former
         lowered = {register: round(raw * _LOWERED_SHARE) or 1 for register, raw in former.items()}
         try:
             note_former(bus, servo, former, lowered)
@@ -119,7 +122,7 @@ class LoweredGains:
         except (FileWriteError, RegisterAccessError):  # the servo would store them
             self.restore(servo_id)
             return 1.0
-        return former[known[0]] / lowered[known[0]] if known[0] in former else 1.0
+        return former[known[0]] / lowered[known[0]]
 
     def restore(self, servo_id: int) -> None:
         """Write the former gains of a servo whose gains were lowered.

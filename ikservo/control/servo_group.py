@@ -171,11 +171,7 @@ class ServoGroup(StreamedServos):
             self._health = usual
 
     def restore_gains(self) -> None:
-        """Put back gains that are still lowered; joints hold where they are.
-
-        If a servo does not reply, a warning says so, and the next opening of the arm puts its gains
-        back.
-        """
+        """Put back gains that are still lowered; joints hold where they are."""
         if not self.gains.former:
             return
         rows = zip(self._ids, self._feedback.latest, strict=True)
