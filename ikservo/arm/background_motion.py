@@ -242,11 +242,6 @@ class Background:
     def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
         """Start a motion that is requested now, in a thread, after earlier ones.
 
-        Args:
-            work: Plans and executes the motion, and returns its result.
-            args: The arguments of ``work``.
-            kwargs: The keyword arguments of ``work``.
-
         Raises:
             RefusedError: The errors of ``turn``.
         """
@@ -259,11 +254,7 @@ class Background:
         return self._stop_request.count_at_request
 
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
-        """Mark the motions of this thread in the block as one request: a stop ends all of them.
-
-        Args:
-            stop_count: The ``stop_count`` at the request; None for the present one.
-        """
+        """Mark motions of this thread in the block as one request: a stop since then ends all."""
         return self._stop_request.requested(stop_count)
 
     def start_stream(self, work: Callable[[], T]) -> RunningMotion[T]:
@@ -303,22 +294,20 @@ class Background:
         check_not_forked(self._process_id)
         if self._stream is not None and not self._stream.done:
             raise RefusedError(
-                "A stream of setpoints is open.", "Leave its block first, or send goals through it."
+                "A stream of setpoints is open.",
+                "Leave its `with` block first, or send setpoints through it.",
             )
 
 
 def check_not_forked(process_id: int) -> None:
-    """Raise an error in a forked child, where locks of its parent's threads are never released.
-
-    Args:
-        process_id: The process that opened the arm.
+    """Raise an error in a fork of a process, where locks of its parent's threads stay taken.
 
     Raises:
         RefusedError: This process is a fork of that process.
     """
     if os.getpid() != process_id:
         raise RefusedError(
-            f"The arm was opened by process {process_id}; a fork of it cannot use the arm.",
+            f"The arm was opened by process {process_id}; a forked process cannot use it.",
             "Open the arm in the process that moves it, or start processes with "
             'multiprocessing.get_context("spawn").',
         )

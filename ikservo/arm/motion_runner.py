@@ -14,7 +14,7 @@ import numpy as np
 
 from ikservo.arguments import parse_number
 from ikservo.arm.background_motion import check_not_forked
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.control.loop import ControlLoop, OnCycle
 from ikservo.control.stop_requests import (
     CTRL_C,
@@ -57,9 +57,6 @@ class MotionRunner:
     """Runs every motion of an arm, one at a time under ``lock``.
 
     A motion that fails leaves the arm stopped; the first motion after torque comes on is slow.
-
-    Args:
-        context: The arm.
 
     Attributes:
         loop: Streams trajectories to the servos.
@@ -382,7 +379,7 @@ class MotionRunner:
         """
         if speed != "slow" and self._read_first_motion():
             raise RefusedError(
-                "Torque was switched off after this was planned.",
+                "Torque was switched off after this motion was planned.",
                 "Nothing was sent. Plan again: the first motion after torque-on is slow.",
             )
 

@@ -42,10 +42,7 @@ class ArmNetwork(Protocol):
 
 
 def find_network(port: object) -> tuple[ArmNetwork, str] | None:
-    """Find the network for a port, and the address in it; None for a port on this machine.
-
-    Args:
-        port: The port given by the user; ``IKSERVO_PORT`` if None.
+    """Find the network and address of a port (None: ``IKSERVO_PORT``); None for a local port.
 
     Raises:
         BadValueError: The value is not the name of a port.

@@ -41,9 +41,8 @@ from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, load_model
-from ikservo.model.collision_model import collision_body, collision_body_with_gripper
-from ikservo.model.joint_drive import nominal_parameters
-from ikservo.model.link_masses import stall_error
+from ikservo.model.collision_capsules import collision_body, collision_body_with_gripper
+from ikservo.model.joint_drive import nominal_parameters, stall_error
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import (
     CalibratedArm,
@@ -61,12 +60,8 @@ if TYPE_CHECKING:
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
-    From then on, the user's other programs can stop this one.
-
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        retries: The number of repetitions of a request whose reply is lost.
+    From then on, the user's other programs can stop this one. A request whose reply is lost is
+    repeated ``retries`` times.
 
     Raises:
         InputError: The model names no servos.
@@ -228,12 +223,12 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
             with contextlib.suppress(FileWriteError):  # opening does not depend on the backup
                 back_up_once(bus, bus.backup_owner)
     except (BusError, CalibrationError) as error:
-        from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only
+        from ikservo.hardware.duplicate_ids import raise_explained  # noqa: PLC0415  # a failure only
 
         raise_explained(bus, error)
         raise
     if bus.port.health.degraded:
-        from ikservo.hardware.diagnostics import raise_on_duplicate_ids  # noqa: PLC0415
+        from ikservo.hardware.duplicate_ids import raise_on_duplicate_ids  # noqa: PLC0415
 
         raise_on_duplicate_ids(bus)
     return own
@@ -294,9 +289,7 @@ def _make_limits(own: CalibratedArm, model: Model) -> list[DrivenJoint]:
 def make_collision_checker(model: Model, own_chain: Chain | None = None) -> CollisionChecker:
     """Make the collision checker of an arm with its gripper; the arm may sag under its weight.
 
-    Args:
-        model: The arm.
-        own_chain: The calibrated chain, whose links may deviate from the sensor readings.
+    The links of ``own_chain``, the calibrated one, may deviate from the sensor readings.
     """
     body = collision_body_with_gripper(model)
     checker = CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))

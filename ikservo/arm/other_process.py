@@ -35,10 +35,7 @@ _RETRY_PERIOD_S = 0.02  # between two attempts meanwhile
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
     """Stop an arm by a command to the program that has its port open, or else on the port itself.
 
-    Args:
-        model: The arm.
-        port: The port of the arm; None chooses a port as in every command.
-        clock: Clock for the time to wait for a program that does not listen yet.
+    ``clock`` measures the wait for a program that does not listen yet.
 
     Raises:
         IkservoError: That program cannot stop the arm, or the port cannot be opened.

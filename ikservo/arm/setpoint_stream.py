@@ -148,7 +148,7 @@ class SetpointStream:
             RefusedError: The stream was used before, or another one is open.
         """
         if self._motion is not None:
-            raise RefusedError("This stream was used before.", "Open another: arm.stream().")
+            raise RefusedError("This stream has already been used.", "Open another: arm.stream().")
         self._motion = self._arm.background.start_stream(self._follow_setpoints)
         return self
 

@@ -79,7 +79,7 @@ def _check_numbers(ctx: Any, parameter: Any, value: object) -> None:  # noqa: AN
             _check_numbers(ctx, parameter, each)
     elif isinstance(value, float | int) and not abs(value) <= _LARGEST_NUMBER:
         raise typer.BadParameter(
-            f"{value:g} is not a number between ±{_LARGEST_NUMBER:g}.", ctx=ctx, param=parameter
+            f"{value:g} is not a number within ±{_LARGEST_NUMBER:g}.", ctx=ctx, param=parameter
         )
 
 

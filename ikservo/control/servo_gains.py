@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 from pydantic import TypeAdapter, ValidationError
 
-from ikservo.control.feedback import read_registers
+from ikservo.control.joint_reading import read_registers
 from ikservo.errors import FileFormatError, RegisterAccessError
 from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import FileWriteError, remove_durably, write_atomic

@@ -12,7 +12,8 @@ import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.control.drive_feedback import DriveReader
-from ikservo.control.feedback import (
+from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
+from ikservo.control.joint_reading import (
     Feedback,
     JointState,
     read_joint_states,
@@ -20,16 +21,15 @@ from ikservo.control.feedback import (
     read_registers,
     with_retries,
 )
-from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
 from ikservo.control.servo_gains import LoweredGains, raise_gains, read_gain_shares
-from ikservo.control.servo_limits import (
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
+from ikservo.control.stop_requests import StopOutcome, hold_servos
+from ikservo.control.streamed_servos import StreamedServos
+from ikservo.control.watchdog_and_torque_limits import (
     limit_torque,
     read_overload_rule,
     read_torque_share,
 )
-from ikservo.control.stillness import StillnessDetector, read_until_at_rest
-from ikservo.control.stop_requests import StopOutcome, hold_servos
-from ikservo.control.streamed_servos import StreamedServos
 from ikservo.errors import IkservoError
 from ikservo.guard import (
     DrivenJoint,
@@ -93,10 +93,8 @@ class ServoGroup(StreamedServos):
         """Set each servo's goal to its position, then switch torque on: nothing moves.
 
         A servo that already holds keeps its goal, because load has pulled its joint slightly below
-        that goal. If enabling fails, the torque of servos that were off is switched off again.
-
-        Args:
-            speed_rad_s: The speed limit of each servo's horn.
+        that goal. If enabling fails, the torque of servos that were off is switched off again. Each
+        horn turns at most at ``speed_rad_s``.
 
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched on.
@@ -274,11 +272,7 @@ class ServoGroup(StreamedServos):
         return LinkStatistics.of(self._bus.statistics.values())
 
     def profile_speeds(self, horn_rad_s: float) -> Vector:
-        """Return the speeds at which the joints (n,) move to each goal, rad/s or m/s.
-
-        Args:
-            horn_rad_s: Top speed of the motion, or of the requested profile, at the horns.
-        """
+        """Return the speeds of joints (n,) to each goal, rad/s or m/s, at a speed of the horns."""
         return np.array([
             driven.joint_map.unit_per_horn_rad
             * self._limits.profile_speed_rad_s(driven.servo_id, horn_rad_s)
@@ -424,13 +418,8 @@ def wait_until_still(
 ) -> None:
     """Wait until a sinking limp arm is at rest, so that plans start from its final position.
 
-    If the arm falls, the wait ends at once, because torque must come on.
-
-    Args:
-        driven_joints: The joints, each with its servo, limits and speed.
-        feedback: Measures the joints.
-        clock: The clock of the bus.
-        timeout_s: Longest wait, because a hand may be moving the arm.
+    If the arm falls, the wait ends at once, because torque must come on. It also ends after
+    ``timeout_s``, because a hand may be moving the arm.
 
     Raises:
         BusError: A servo does not answer.

@@ -83,10 +83,7 @@ def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> N
     """Replace files that belong together, or leave all unchanged if disk space is short.
 
     All contents are first written to new files beside them, because renaming needs no space.
-
-    Args:
-        files: The content of each file; its folder is created if needed.
-        private: Whether new files and folders are readable by their owner only.
+    Folders are created if needed; only the owner can read ``private`` new files and folders.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken; the file is named.
@@ -258,7 +255,7 @@ def strip_checksum(path: Path, text: str) -> str:
         if path.with_name(path.name + BACKUP_SUFFIX).is_file():
             expected = f"{expected}; the previous one is kept as {BACKUP_SUFFIX}"
         raise FileFormatError(
-            path, "", "is damaged: its checksum does not fit its content", expected
+            path, "", "is damaged: its checksum does not match its content", expected
         )
     return body
 

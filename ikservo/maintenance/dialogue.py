@@ -229,7 +229,7 @@ class ScriptedAnswers:
             return None
         if not entry:
             raise CalibrationError(
-                "The script ended before the calibration was complete.", "Add: accept"
+                "The script ended before the calibration was complete.", "Add this line: accept"
             )
         raise request.missing
 
@@ -239,10 +239,7 @@ def read_answers(
 ) -> list[str]:
     """Read the answers from a file, one per line; ``#`` begins a comment.
 
-    Args:
-        path: The file.
-        known: The possible answers; a second word stands for any name.
-        former: The present word for each old word that is still accepted.
+    In ``known``, a second word stands for any name. ``former`` has the new word for each old one.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

@@ -171,7 +171,7 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
     swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
     verb = "swings" if joint.moves_at(time_s) else "swung"
     return (
-        f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its "
+        f"{joint_map.joint} {verb} by {swing} and is {missing} off, because no load presses its "
         f"gears together"
     )
 

@@ -5,7 +5,7 @@ import contextlib
 import pytest
 
 import ikservo
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import BusError, RefusedError, StoppedError
 from servosim.faults import Fault
 from tests.arm.simulated import clock_of, line_of, registers, servo_group

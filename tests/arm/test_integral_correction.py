@@ -219,7 +219,7 @@ def test_joint_that_keeps_swinging_is_reported_with_amplitude(ticks, degrees):
     assert trajectory.unsettled_joints == ()
     (residual,) = trajectory.residuals
     assert residual.startswith(f"elbow swings by {degrees}° and is 0.")
-    assert residual.endswith("° off: no load presses its gears together")
+    assert residual.endswith("° off, because no load presses its gears together")
 
 
 def test_noise_of_two_ticks_is_not_reported_as_swing():

@@ -11,7 +11,7 @@ from ikservo.model.joint_drive import nominal_parameters
 from ikservo.planning.loaded_limits import goal_leads, limits_under_load
 from ikservo.planning.planner import Planner
 
-WEIGHT = "a joint that holds the arm's weight stays short of its limit"
+WEIGHT = "a joint that holds the arm's weight cannot go right up to its limit"
 
 
 @pytest.fixture(scope="module")

@@ -105,7 +105,7 @@ def test_overload_warning_comes_2_s_before_servo_trips():
             pressing.follow(4.0)
     warned_s, text = pressing.warned_s[0]
     assert pressing.tripped_s - warned_s >= 2.0
-    assert text.endswith("its servo protects itself from overload in 2.0 s.")
+    assert text.endswith("its servo's overload protection acts in 2.0 s.")
 
 
 @pytest.mark.full

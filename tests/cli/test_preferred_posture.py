@@ -64,7 +64,7 @@ def test_preferred_posture_without_freedom_changes_nothing(run_cli):
         ("--prefer elbow_flex=x", "not an angle"),
         ("--prefer elbow_flex=inf", "not an angle"),
         ("--prefer elbow_flex=1 --prefer elbow_flex=2", "given twice"),
-        ("--weight elbow_flex=2", "nothing is preferred for elbow_flex"),
+        ("--weight elbow_flex=2", "there is no preferred position for elbow_flex"),
         ("--prefer home --weight elbow_flex=-1", "at least 0"),
         ("--prefer home --weight elbow_flex=nan", "at least 0"),
         ("--prefer home --weight elbow_flex", "not JOINT=NUMBER"),

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 import ikservo.cli
-from ikservo.cli.session import confirm_motion
+from ikservo.cli.open_and_confirm import confirm_motion
 from ikservo.cli.terminal import confirm, read_keys, wait_for_enter
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")

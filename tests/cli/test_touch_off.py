@@ -111,7 +111,7 @@ def test_touch_off_drops_and_names_camera_of_the_old_zeros(arm, truth, tmp_path,
     save_calibration(read_calibration(path).model_copy(update={"camera": camera}))
     done = run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes")
     assert done.code == 0
-    assert "The camera of 2026-11-02 was calibrated with the old zeros" in done.err
+    assert "The camera calibration from 2026-11-02 used the old zeros" in done.err
     assert read_calibration(path).camera is None
 
 

@@ -30,9 +30,9 @@ STRUCTURES = {
     "so100": "yaw + planar 3R + roll",
     "so101": "yaw + planar 3R + roll",
     "vx250": "yaw + planar 3R + roll",
-    "vx300s": "yaw + planar 2R + 3R wrist that meets in a point",
+    "vx300s": "yaw + planar 2R + 3R wrist with axes that meet at a point",
     "wx200": "yaw + planar 3R + roll",
-    "wx250s": "yaw + planar 2R + 3R wrist that meets in a point",
+    "wx250s": "yaw + planar 2R + 3R wrist with axes that meet at a point",
 }
 # Two of its axes are 2.7e-6 rad from parallel, by the rounded angles of its source.
 NEARLY = ("koch",)

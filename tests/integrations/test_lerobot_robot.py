@@ -101,7 +101,7 @@ def test_ee_delta_steps_move_tip_along_axes_and_keep_tool_angle(connected, arm):
 
 
 def test_ee_delta_steps_move_remote_arm(connected, monkeypatch):
-    monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
+    monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
         robot = connected(port=served.address, action="ee_delta", observe_tip=True)

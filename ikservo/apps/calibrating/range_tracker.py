@@ -13,6 +13,12 @@ from enum import Enum
 from ikservo.calibration.joint_map import unwrap
 from ikservo.control.stillness import StillnessDetector
 
+SWEEP_UNCHANGED_S = 1.0
+"""Time without a new extreme after which a sweep with complete ranges ends [s]."""
+
+NARROW_SWEEP_UNCHANGED_S = 4.0
+"""The same time if ranges are narrower than in the arm file [s]."""
+
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
 _MAX_STEP = 1024
@@ -130,14 +136,7 @@ class EndStopDetector:
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
     ) -> EndStopDetector:
-        """Add a sample of position and load.
-
-        Args:
-            at_s: The time.
-            at_rad: The position of the horn.
-            goal_rad: The goal of the horn.
-            load_percent: The load that the servo reports; the sign is ignored.
-        """
+        """Add a sample of the horn: its position, its goal, and its load, whose sign is ignored."""
         updated = self.update(at_s, at_rad)
         if not self.may_be_blocked(at_s, at_rad, goal_rad):
             return updated

@@ -81,8 +81,8 @@ class TipZero:
         count, clicks = sum(self.counts), len(self.counts)
         of = "1 click" if clicks == 1 else f"{count} of {clicks} clicks"
         said = [
-            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from its measured angle, by "
-            f"{of}; standard error {self.error_deg:.2f}°, {1000.0 * self.error_m:.1f}"
+            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from its measured angle, "
+            f"according to {of}; standard error {self.error_deg:.2f}°, {1000.0 * self.error_m:.1f}"
             f" mm at the tip. The corrected tip is {1000.0 * self.off_m:.1f} mm from the click."
         ]
         said += [
@@ -133,7 +133,7 @@ def find_tip_zero(
     if camera.tip_shows != joint:
         raise CalibrationError(
             f"A click on the tip cannot set the zero of {joint}.",
-            "The pictures of the board have determined it, or it hardly moves the tip.",
+            "The board's pictures already determine this zero, or the joint hardly moves the tip.",
         )
     _require_same(arm, calibration)
     joints = _resting_joints(arm) if joints is None else joints
@@ -216,7 +216,7 @@ def _read_click(
     if best in (0, len(steps) - 1):
         most_deg = math.degrees(_MOST_RAD)
         raise CalibrationError(
-            f"The click means that the zero of {chain.names[-1]} is off by {most_deg:.0f}° "
+            f"According to the click, the zero of {chain.names[-1]} is off by {most_deg:.0f}° "
             "or more.",
             hint,
         )

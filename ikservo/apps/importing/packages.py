@@ -65,7 +65,7 @@ class PackageFolders:
         """
         folder = self.find(name)
         if folder is None:
-            found = f"it needs the package {quote(name)}, and no parent folder is that package"
+            found = f"it needs the package {quote(name)}, which is not among the parent folders"
             raise FileFormatError(self.path, "", found, f"its folder: --package {name}=FOLDER")
         return folder
 

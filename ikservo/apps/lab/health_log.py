@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from ikservo.apps.lab.identification import Identification
+from ikservo.apps.lab.parameter_estimation import Identification
 from ikservo.calibration.records import Name
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir, read_text
@@ -42,8 +42,8 @@ class JointHealth(StrictModel):
     temperature_c: Finite | None = Field(default=None, description="°C, the hottest reading")
     voltage_v: Finite | None = Field(default=None, description="V, the lowest reading")
     load: Finite | None = Field(default=None, description="the largest fraction of the full load")
-    requests: Count = Field(default=0, description="requests to the servo")
-    lost: Count = Field(default=0, description="requests without a usable reply")
+    requests: Count = Field(default=0, description="the number of requests to the servo")
+    lost: Count = Field(default=0, description="the number of requests without a usable reply")
     backlash_rad: Finite | None = Field(default=None, description="rad")
     backlash_error_rad: Finite | None = Field(default=None, description="its standard error")
     friction_nm: Finite | None = Field(default=None, description="N m, from rest")
@@ -55,7 +55,7 @@ class HealthRecord(StrictModel):
 
     format: Literal[1] = Field(default=1, description="1")
     written: datetime = Field(strict=False, description="a date and time with UTC offset")
-    source: Literal["monitor", "identify"] = Field(description="the command")
+    source: Literal["monitor", "identify"] = Field(description="monitor or identify")
     joints: tuple[JointHealth, ...] = Field(strict=False, description="a list of objects")
 
 

@@ -135,7 +135,7 @@ def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
     clearance_m = min(_CLEARANCE_M, _OF_HOME * arm.clearance_m(everything))
     q = home
     for point_m in np.concatenate([cube.lattice_m(), cube.lattice_m()]):
-        q = solve_with_orientation(arm.chain, tool, Target(point_m), KEEP_BEST_EFFORT, q).solution.q
+        q = solve_with_orientation(arm.chain, tool, Target(point_m), KEEP_BEST_EFFORT, q).q
         if arm.clearance_m(arm.joint_index.with_chain(everything, q)) < clearance_m:
             return False
     return True

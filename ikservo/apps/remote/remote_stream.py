@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterable, Mapping
 
 from numpy.typing import ArrayLike
 
-from ikservo.apps.remote.connection import Connection, PendingCall
+from ikservo.apps.remote.client_connection import Connection, PendingCall
 from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.wire_messages import StreamCounts, TargetFields, parse_result
 from ikservo.arguments import parse_period_s

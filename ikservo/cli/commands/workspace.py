@@ -113,7 +113,7 @@ def workspace_title(model: Model, cut: Slice | None, region: Workspace) -> str:
     if cut is Slice.TOP:
         return f"{model.title}, top: the plane at a height of {T[2, 3]:z.3f} m"
     yaw_deg = math.degrees(math.atan2(float(T[1, 0]), float(T[0, 0])))
-    return f"{model.title}, {cut.value}: the upright plane along {yaw_deg:z.0f}°"
+    return f"{model.title}, {cut.value}: the vertical plane at {yaw_deg:z.0f}°"
 
 
 _STARTS = 64  # number of start postures for a point whose first solution collides

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import possible_answers, read_script
+from ikservo.apps.calibrating.by_hand_dialogue import possible_answers, read_script
 from ikservo.errors import CalibrationError, FileFormatError
 from ikservo.maintenance.dialogue import ScriptedAnswers
 from tests.apps.calibrating.test_sweep import Hand, subject

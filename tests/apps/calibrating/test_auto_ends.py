@@ -27,7 +27,7 @@ def test_warning_gives_reason_for_unsearched_end_stop(shoulder):
 def test_warning_names_both_unsearched_end_stops(shoulder):
     assert unreached(shoulder, "no room", FLOOR) == (
         f"cannot search for its end stop near -111.0° (no room), nor for its end stop near 107.0° "
-        f"({FLOOR}); both limits of the arm file are used there."
+        f"({FLOOR}); both limits of the arm file are used instead."
     )
 
 

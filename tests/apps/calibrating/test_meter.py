@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import joint_readouts
+from ikservo.apps.calibrating.by_hand_procedure import joint_readouts
 from ikservo.calibration.homing import TickRange
 from ikservo.maintenance.dialogue import JointProgress
 from tests.apps.calibrating.test_sweep import TURN, Hand, subject

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     apply_answer,
     possible_answers,
     read_script,
 )
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_procedure import (
     CalibrationStage,
     CalibrationState,
     joint_readouts,
@@ -299,7 +299,7 @@ def test_joint_readouts_show_progress_of_each_joint():
 
 def test_opposite_sign_is_reported_before_saving():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
-    assert "elbow: its sign contradicts the arm file, measured twice" in " ".join(
+    assert "elbow: its sign, measured twice, contradicts the arm file" in " ".join(
         warnings(hand.state)
     )
 

@@ -175,7 +175,7 @@ def test_calibration_by_hand_uses_only_pictures_at_rest(monkeypatch):
     result, said, *_ = run_by_hand(monkeypatch)
     assert result.pictures == 12
     assert [line for line in said if line.startswith("picture")] == [
-        f"picture {i} of 12: move on" for i in range(1, 13)
+        f"picture {i} of 12 taken: move the arm to another posture" for i in range(1, 13)
     ]
     assert len(result.estimate.fit.kept) == 12
     assert result.estimate.fit.kept.all()  # a picture of a moving arm would be an outlier

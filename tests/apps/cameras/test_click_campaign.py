@@ -14,12 +14,12 @@ from tests.cli.fixtures_mounted_arm import PORT, SERIAL
 
 pytest.importorskip("cv2")
 
+from ikservo.apps.cameras.board_detection import find_board
 from ikservo.apps.cameras.camera_calibration import (
     ArmBefore,
     CameraCalibration,
     save_camera_result,
 )
-from ikservo.apps.cameras.pictures import find_board
 from tests.apps.cameras.hidden_arms import (
     BOARD,
     click_errors_m,

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ikservo.apps.cameras.estimation import BoardSample, Extent, estimate_camera, fit_camera
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, Extent, estimate_camera, fit_camera
 from ikservo.errors import CalibrationError
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import load_model

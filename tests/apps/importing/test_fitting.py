@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from ikservo.apps.importing import fitting
-from ikservo.apps.importing.fitting import MAX_CAPSULES, fit_capsules
+from ikservo.apps.importing import mesh_capsules
+from ikservo.apps.importing.mesh_capsules import MAX_CAPSULES, fit_capsules
 
 
 def bracket():
@@ -152,10 +152,14 @@ def hostile_triangles(name):
 )  # fmt: skip
 def test_fit_of_hostile_triangles_is_bounded(name, monkeypatch):
     triangles, cut = hostile_triangles(name), []
-    halves, by_plane = fitting._halves, fitting._cut_by_plane
-    monkeypatch.setattr(fitting, "_halves", lambda some: cut.append(len(some)) or halves(some))
+    halves, by_plane = mesh_capsules._halves, mesh_capsules._cut_by_plane
     monkeypatch.setattr(
-        fitting, "_cut_by_plane", lambda some, *at: cut.append(len(some)) or by_plane(some, *at)
+        mesh_capsules, "_halves", lambda some: cut.append(len(some)) or halves(some)
+    )
+    monkeypatch.setattr(
+        mesh_capsules,
+        "_cut_by_plane",
+        lambda some, *at: cut.append(len(some)) or by_plane(some, *at),
     )
     tracemalloc.start()
     fit = fit_capsules(triangles)

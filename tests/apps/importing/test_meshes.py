@@ -11,7 +11,7 @@ import ikservo
 from ikservo.apps.importing import meshes
 from ikservo.apps.importing.meshes import mesh_triangles
 from ikservo.errors import FileFormatError, InputError
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from ikservo.model.urdf import read_urdf
 from ikservo.model.urdf_types import Mesh
 

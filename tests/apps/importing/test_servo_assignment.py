@@ -149,7 +149,7 @@ def test_servos_named_by_user_are_not_moved(draft, port, monkeypatch):
 
 
 def test_named_servo_that_does_not_reply_is_an_error(draft, port):
-    with pytest.raises(ServoSilentError, match="servo 99 of gripper"):
+    with pytest.raises(ServoSilentError, match=r"Servo 99 of gripper does not reply\.\n"):
         run(assign_servos([draft], port, {"gripper": (DraftServo(99, ""),)}), None)
 
 

@@ -16,7 +16,7 @@ from ikservo.apps.lab.drive_fit import (
     sign_currents,
 )
 from ikservo.apps.lab.drive_recording import DriveRecording, smooth_samples, steady_windows
-from ikservo.apps.lab.identification import gravity_columns, identify, identify_payload
+from ikservo.apps.lab.parameter_estimation import gravity_columns, identify, identify_payload
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model.identified_drives import with_mass_scales

@@ -62,7 +62,7 @@ def test_certificate_is_readable_only_by_owner(tmp_path):
     made = load_or_make_certificate(ADDRESS, tmp_path)
     assert made.path.stat().st_mode & 0o777 == 0o600
     made.path.chmod(0o640)
-    with pytest.raises(CertificateError, match="others can read its key"):
+    with pytest.raises(CertificateError, match="other users can read its key"):
         load_or_make_certificate(ADDRESS, tmp_path)
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from ikservo.apps.page.dragging.interaction import Interaction
-from ikservo.apps.page.frames import FrameComposer
 from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.page_updates import FrameComposer
 from ikservo.apps.page.picking.joint_dials import joint_dials
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.viewpoints import Viewpoint
 from ikservo.apps.page.server.auth import Permission
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.arm import StopKind, StopReason, open_arm
 from servosim.faults import Fault
 from tests.apps.page.view_session import ViewSession

@@ -13,7 +13,7 @@ from ikservo.apps.page.dragging.labels import (
     health_rows,
 )
 from ikservo.apps.page.dragging.target_marker import TargetMarker
-from ikservo.apps.page.frames import _joint_meter_fields
+from ikservo.apps.page.page_updates import _joint_meter_fields
 from ikservo.arm import JointState
 from ikservo.errors import format_point
 from ikservo.ik import ActiveLimit

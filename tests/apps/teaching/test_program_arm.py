@@ -67,7 +67,7 @@ def test_every_program_step_kind_survives_write_and_read(tmp_path):
         ("", "is empty"),
         ('format = 1\narm = "so101"\nsteps = []', "steps"),
         ("[[steps]]\nwait_s = 0.0", r"step 1, wait_s"),
-        ("[[steps]]\nname = 'x'", r"step 1.*has no action"),
+        ("[[steps]]\nname = 'x'", r"step 1.*but has none"),
         ("[[steps]]\nwait_s = 1.0\npose = 'home'", "has pose and wait_s"),
         ("[[steps]]\nwait_s = 1.0\npath = 'line'", "which wait_s cannot have"),
         ("[[steps]]\ntip_m = [0.1, 0.2, 0.3]\npath = 'arc'", "via_m"),

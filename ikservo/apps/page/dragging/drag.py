@@ -109,16 +109,10 @@ def start_joint_drag(
     *,
     slides: bool,
 ) -> JointDrag:
-    """Start a drag of a joint.
+    """Start a drag of the joint at ``column`` of q by a point (3,).
 
-    Args:
-        column: The index of the joint in q.
-        camera: The user's camera.
-        line: A point (3,) of the axis, and its direction (3,).
-        px: Position of the pointer (2,).
-        point_m: The grabbed point (3,).
-        position: The joint's position, rad or m.
-        slides: Whether the joint is prismatic.
+    ``line`` is a point (3,) of its axis and the direction (3,), ``px`` the pointer (2,),
+    ``position`` the joint's, rad or m.
     """
     pivot, axis = line
     line_of_sight = camera.ray(camera.project(pivot)[0]).direction
@@ -140,11 +134,7 @@ Names = tuple[tuple[str, str] | None, ...]
 
 
 class CandidateSelection:
-    """Selection among the overlapping things under a resting pointer.
-
-    Args:
-        hit_tester: Finds the things.
-    """
+    """Selection among the overlapping things under a resting pointer."""
 
     def __init__(self, hit_tester: HitTester) -> None:
         self._hit_tester = hit_tester
@@ -271,11 +261,6 @@ class _Fixture:
 class Drag:
     """Converts pointer, wheel and key events to commands.
 
-    Args:
-        chain: The arm, with its own limits.
-        picker: Finds its links.
-        objects: Finds the objects of the scene, in the base frame; None for none.
-
     Attributes:
         moved_thing: The object that is dragged, or was dragged last; None after another press.
     """
@@ -362,8 +347,8 @@ class Drag:
                 hit = self._grabbed.found.hit
                 where = ", ".join(f"{x:z.3f}" for x in hit.point_m.tolist())
                 raise InputError(
-                    f"{hit.link} cannot be dragged: no joint moves it; "
-                    f"it was pressed at ({where}) m.",
+                    f"{hit.link} cannot be dragged, because no joint moves it; "
+                    f"you pressed it at ({where}) m.",
                     "Grab a link of the arm; a click, or N, selects the thing behind it.",
                 )
             return None

@@ -64,12 +64,7 @@ class GoalRefusal:
 
 @dataclass(frozen=True, slots=True)
 class StopNotice:
-    """The reason why the arm holds until a user acknowledges it, as the command line formats it.
-
-    Attributes:
-        message: The event.
-        hint: The remedy.
-    """
+    """The reason why the arm holds until a user acknowledges it, as the command line formats it."""
 
     message: str
     hint: str = ""

@@ -11,7 +11,7 @@ from ikservo.app_discovery import all_apps, load_place
 from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.running.arm_job import JobObserver, refusals_logged
 from ikservo.apps.page.running.arm_thread import ArmThread
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.clock import Clock
@@ -47,12 +47,7 @@ class RunMotion:
 
 
 class AppPanels:
-    """Shows the panels of all apps; a panel that fails is replaced by its error.
-
-    Args:
-        arm_thread: Owns the arm.
-        clock: The time of the page.
-    """
+    """Shows the panels of all apps; a panel that fails is replaced by its error."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
         self._arm_thread, self._clock = arm_thread, clock

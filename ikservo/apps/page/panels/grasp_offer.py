@@ -66,7 +66,7 @@ class GraspOffer:
                 of date, or the arm has no gripper.
         """
         if self._arm.model.gripper is None or self._pick_box is None:
-            raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moves.")
+            raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moved.")
         view.require_usable()
         blocks = () if self._choice is None else self._choice.blocks
         grip: Any = self._arm.grip

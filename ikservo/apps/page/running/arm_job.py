@@ -151,13 +151,9 @@ class ReleaseArm:
 
 
 class SetTipZero:
-    """Saves the zero from a click on the tip, and reopens the arm with it.
+    """Saves the zero from a click on the tip, and reopens the arm with it."""
 
-    Args:
-        found: The zero.
-    """
-
-    title = "Opening again with the new zero"
+    title = "Reopening the arm with the new zero"
     is_planned = True
 
     def __init__(self, found: TipZero) -> None:

@@ -50,7 +50,7 @@ _SCHEMA = "ikservo/net/1"
 def lost_connection(address: str) -> PortLostError:
     """Return the error for a request that another machine has not answered."""
     error = PortLostError(address, "no answer")
-    error.command_hint = "Is that machine on and reachable, and `ikservo serve` running there?"
+    error.command_hint = "Is that machine on and reachable, and is `ikservo serve` running there?"
     return error
 
 

@@ -67,7 +67,7 @@ def _range_issues(
     margins = 2 * state.margin_rad / subject.joint_map.horn_rad_per_tick
     if track.lost:
         yield CalibrationError(
-            f"{name} was moved too fast to count its turns.", f"Measure {name} again, slower."
+            f"{name} was moved too fast to count its turns.", f"Measure {name} again, more slowly."
         )
     if track.width < MIN_RANGE_TICKS + margins:
         yield CalibrationError(
@@ -79,13 +79,13 @@ def _range_issues(
         yield CalibrationError(
             f"{name} was moved by a full turn; the arm file expects "
             f"{_format_expected_range(subject)}.",
-            f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
+            "If it has no end stops, mark it as turning freely. Otherwise check for a loose horn.",
         )
     if _fits_better_mirrored(state, subject):
         ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))
         yield CalibrationError(
-            f"{name}: swept {' to '.join(map(subject.joint_map.format, ends))}, "
-            f"arm file {_format_expected_range(subject)}; the sign or "
+            f"{name} was swept from {' to '.join(map(subject.joint_map.format, ends))}, but the "
+            f"arm file says {_format_expected_range(subject)}; the sign or "
             "the pose is wrong.",
             f"Was it first moved the wrong way? Measure {name} again.",
         )
@@ -111,7 +111,7 @@ def warnings(state: CalibrationState) -> Iterator[str]:
     for subject in state.subjects:
         name = subject.name
         if state.sign(subject) != subject.joint_map.sign:
-            yield f"{name}: its sign contradicts the arm file, measured twice."
+            yield f"{name}: its sign, measured twice, contradicts the arm file."
         if name in state.skipped and name in state.reasons:
             yield f"{name}: {state.reasons[name]}"
         elif name in state.skipped:
