@@ -134,8 +134,8 @@ class LoweredGains:
             with contextlib.suppress(RegisterAccessError):  # which also refused the lowered value
                 self._bus.write_until_power_off(servo_id, register, raw)
         del self.former[servo_id]
-        with contextlib.suppress(FileWriteError):  # the next opening removes the file
-            forget_former(self._bus, self._bus.servos[servo_id])
+        with contextlib.suppress(OSError):  # the next opening removes the file
+            _former_path(self._bus, self._bus.servos[servo_id]).unlink(missing_ok=True)
 
 
 _Former = int | tuple[int, int]  # with the lowered value, if it was lowered
@@ -152,13 +152,16 @@ def note_former(
     """Write the present values of a real servo to a file before others are tried.
 
     If ``lowered`` has the new values, the present ones are put back when the arm is opened again.
+    Such a file need not survive a power cut, and a motion cannot wait for the disk: after 0.1 s
+    without packets, the watchdogs stop the servos.
 
     Raises:
         FileWriteError: The file cannot be written.
     """
     if not is_simulator(bus.port.name):
         rows = {r.name: (raw, lowered[r]) if lowered else raw for r, raw in former.items()}
-        write_atomic(_former_path(bus, servo), f"{json.dumps(rows)}\n")
+        text = f"{json.dumps(rows)}\n"
+        write_atomic(_former_path(bus, servo), text, synced=lowered is None)
 
 
 def forget_former(bus: ServoBus, servo: ServoSpec) -> None:

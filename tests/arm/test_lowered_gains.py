@@ -1,5 +1,6 @@
 """Gains that are lowered while a joint swings are put back at every end, even after SIGKILL."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -80,6 +81,21 @@ def test_gains_are_put_back_after_error(monkeypatch, error):
 def test_gains_are_put_back_before_port_is_closed(monkeypatch):
     with pytest.raises(ikservo.IkservoError):
         move_swinging_pan(monkeypatch, lambda arm: arm.close())
+
+
+def test_lowering_gains_does_not_wait_for_the_disk(monkeypatch):
+    def fail(handle):
+        pytest.fail("a motion waits for the disk, which may take longer than a watchdog")
+
+    monkeypatch.setattr("ikservo.control.servo_gains.is_simulator", lambda name: False)
+    with ikservo.open_arm("so101", port="sim") as opened:
+        gains, folder = servo_group(opened).gains, config_dir() / "tried"
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "fsync", fail)
+            assert gains.lower(PAN) == 4.0
+            assert list(folder.iterdir())
+            gains.restore(PAN)
+        assert not list(folder.iterdir())
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
