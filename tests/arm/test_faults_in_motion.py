@@ -196,7 +196,7 @@ def test_alarm_error_names_temperature_or_voltage(kind, details, words):
 
 
 @pytest.mark.full
-def test_joint_that_lost_torque_silently_stops_the_arm():
+def test_arm_stops_if_a_joint_loses_torque_silently():
     with ikservo.open_arm("so101", port="sim") as arm:
         swing(arm)
         # the forearm weighs 0.43 N m, twice what friction holds; on the shoulder it is 0.07

@@ -171,7 +171,7 @@ def test_given_backlash_applies_to_all_servos_of_any_seed() -> None:
     assert {motor.backlash_rad for motor in motors} == {math.radians(0.3)}
 
 
-def test_d_gain_of_sts_acts_as_drawn_for_family_member() -> None:
+def test_seed_decides_whether_d_gain_of_sts_servo_acts() -> None:
     for seed in range(20):
         port = open_port(f"sim:{CONFIGS}/so101/arm.toml?seed={seed}")
         acts = [servo.drive.kd > 0.0 for servo in port.line.world.servos]
