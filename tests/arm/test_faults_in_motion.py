@@ -257,7 +257,7 @@ def test_joints_turned_by_hand_do_not_snap_back_at_torque_on():
     assert abs(after[roll] - before[roll]) <= 2
 
 
-def test_servo_that_reports_no_status_stops_the_arm(arm, monkeypatch):
+def test_arm_stops_if_a_servo_reports_no_status(arm, monkeypatch):
     arm.enable()
     monkeypatch.setattr(servo_group(arm)._health_poller, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):

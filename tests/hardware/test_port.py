@@ -92,7 +92,7 @@ class TestOpening:
         with pytest.raises(PortError, match="usermod -aG"):
             open_port("/dev/null", 1_000_000)
 
-    def test_windows_access_denied_is_reported_as_no_permission(self, monkeypatch):
+    def test_windows_access_denied_reports_missing_permission(self, monkeypatch):
         words = "could not open port 'COM3': PermissionError(13, 'Access is denied.')"
         self._fail_with(monkeypatch, serial.SerialException(words))
         with pytest.raises(PortError, match="No permission"):

@@ -146,7 +146,7 @@ def parameters_of(query: str) -> list[object]:
     return [[s.motor.parameters for s in world.servos], mass, rails]
 
 
-def test_seeds_differ_and_no_seed_gives_nominal_parameters() -> None:
+def test_seeds_differ_and_missing_seed_means_nominal_values() -> None:
     assert parameters_of("?seed=5") == parameters_of("?seed=5")
     assert parameters_of("?seed=5") != parameters_of("?seed=6")
     motors, _, rails = parameters_of("")

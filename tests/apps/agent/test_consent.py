@@ -164,7 +164,7 @@ def test_consent_mode_nothing_refuses_motions_without_asking(open_session):
         (Allowance(Consent.SLOW), ZeroSource.CALIBRATED),
     ],
 )
-def test_allowance_that_does_not_fit_the_arm_is_refused(allowance, zeros):
+def test_allowance_unsuitable_for_calibration_state_is_refused(allowance, zeros):
     with pytest.raises(InputError):
         allowance.check(zeros)
 
