@@ -62,7 +62,7 @@ def write_atomic(
     Args:
         path: The file; its folder is created if needed.
         content: The new content; text becomes UTF-8.
-        keep_old: Whether the old content is kept in a file beside it that ends in ``.bak``.
+        keep_old: Whether the old content is kept in a second file, which ends in ``.bak``.
         private: Whether a new file is readable by its owner only. A replaced file keeps its
             permissions.
         synced: Whether to wait until the file would survive a power cut, which can take seconds.
@@ -89,7 +89,7 @@ def write_atomic(
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
     """Replace files that belong together, or leave all unchanged if disk space is short.
 
-    All contents are first written to new files beside them, because renaming needs no space.
+    All contents are first written to new files in the same folders: renaming needs no space.
     Folders are created if needed; only the owner can read ``private`` new files and folders.
 
     Raises:
@@ -128,7 +128,7 @@ def make_folder(folder: Path) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Check that a folder is writable, before work whose result is to be stored there.
+    """Check that a folder is writable, before work whose result will be stored in it.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken.
@@ -155,7 +155,8 @@ def remove_durably(path: Path) -> None:
 def exclusive_access(path: Path) -> Generator[None]:
     """Let only one program at a time read and replace a file; other programs wait.
 
-    The lock is a file beside it, because replacing the file changes its inode. The lock file stays.
+    The lock is a second file in the same folder, because replacing the file changes its inode. The
+    lock file is never removed.
     On Windows there is no lock.
 
     Raises:
@@ -209,7 +210,7 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
 
 
 def _write_beside(path: Path, data: bytes, private: bool, *, synced: bool = True) -> str:
-    """Write a new file beside ``path``, with the same permissions; return its name."""
+    """Write a new file next to ``path``, with the same permissions; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
     mode, is_new = 0o600 if private else 0o666, not path.exists()
     if not is_new:

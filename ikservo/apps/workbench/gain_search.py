@@ -272,7 +272,7 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
 def keeping_gains(
     bus: ServoBus, servo: ServoSpec, tried: Iterable[Register] = ()
 ) -> Generator[Mapping[Register, int]]:
-    """Yield the present gains, and restore them when the block ends, even after an error.
+    """Yield the present gains, and restore them after the ``with`` block, even after an error.
 
     Besides P and D, the registers in ``tried`` are restored.
     """
