@@ -192,7 +192,7 @@ class RunningMotion(Generic[T]):
                 self._finished.set()
 
     def _mark_ended(self) -> None:
-        """Acknowledge the stop of a cancellation, unless another stop was also requested."""
+        """Acknowledge the stop that ``cancel`` requested, unless there was another request."""
         with self._state:
             self._moving = False
             if self._cancelled:
@@ -228,7 +228,7 @@ class Background:
 
     @contextmanager
     def turn(self) -> Generator[None]:
-        """Wait for earlier motions, and mark the block as a motion that is requested now.
+        """Wait for earlier motions; the ``with`` block is a motion that is requested now.
 
         Raises:
             RefusedError: A stream of setpoints is open, or this process is a fork of the one that
@@ -254,7 +254,10 @@ class Background:
         return self._stop_request.count_at_request
 
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
-        """Mark motions of this thread in the block as one request: a stop since then ends all."""
+        """Treat this thread's motions in the ``with`` block as one request, which a stop ends.
+
+        Only stops after the first ``stop_count`` stops end it; None: stops from now on.
+        """
         return self._stop_request.requested(stop_count)
 
     def start_stream(self, work: Callable[[], T]) -> RunningMotion[T]:

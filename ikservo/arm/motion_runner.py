@@ -177,7 +177,7 @@ class MotionRunner:
                 self._servos.disable_joint(joint)
 
     def requested(self) -> AbstractContextManager[None]:
-        """Mark the actions of this thread in the block as one request: a stop ends all of them.
+        """Treat this thread's actions in the ``with`` block as one request, which a stop ends.
 
         This also holds if the stop is acknowledged before the block has ended.
         """
@@ -188,7 +188,7 @@ class MotionRunner:
     def undisturbed(self) -> Generator[None]:
         """Keep other threads from moving this arm or an arm in reach, and from changing the scene.
 
-        A stop ends all actions in the block, as in ``requested``.
+        A stop ends all actions in the ``with`` block, as in ``requested``.
 
         Raises:
             RefusedError: Another arm in reach is moving.
@@ -264,6 +264,7 @@ class MotionRunner:
                 pass
             leave()
             with self.lock:  # not while another process relaxes the arm
+                self._servos.restore_gains()
                 self._context.port.close()
 
     @contextmanager
@@ -294,7 +295,7 @@ class MotionRunner:
 
     @contextmanager
     def watching_scene(self) -> Generator[None]:
-        """Let other threads change the things around the arm while a motion runs in the block."""
+        """Let other threads change the things around the arm during the ``with`` block's motion."""
         self.watches_scene = True
         try:
             yield

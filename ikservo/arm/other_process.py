@@ -86,7 +86,7 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
-    """Request an arm's state from the program that has its port open; None if there is none.
+    """Request an arm's state from the program that has its port open; None without a program.
 
     An arm on another machine is opened there without taking control of it.
 
@@ -102,7 +102,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
-    """Let the program that has an arm's port open relax the arm; None if there is none.
+    """Let the program that has an arm's port open relax the arm; None without a program.
 
     Raises:
         IkservoError: That program cannot relax the arm.

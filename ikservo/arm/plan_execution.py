@@ -92,8 +92,8 @@ def _run_around(
 ) -> ExecutedMotion:
     """Execute the plan of a motion; replan each time an obstacle enters its path.
 
-    The stop for replanning is acknowledged. Any other stop, even in the meantime, ends the request.
-    The motion is None if only its plan is known; the plan, if it must still be made.
+    The stop in front of the obstacle is acknowledged. Any other stop, even during replanning, ends
+    the request. ``motion`` is None if only its plan is known; ``plan`` is None if it must be made.
     """
     stops, replans = arm.context.servos.stop_request, getattr(motion, "replan", False)
     count = stops.count_at_request
@@ -193,8 +193,8 @@ class _PathWatch:
     """Stops a motion in front of an obstacle that has entered the rest of the path.
 
     Whenever the scene has changed, the rest of the path is checked again, one piece per cycle. The
-    first piece is longer than the stopping distance of the arm. The path of the arm is free in the
-    scene at its start.
+    first piece is longer than the stopping distance of the arm. The path must have been free when
+    the motion started.
     """
 
     def __init__(self, context: ArmContext) -> None:

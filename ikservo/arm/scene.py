@@ -344,7 +344,7 @@ class Scene:
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:
-        """Keep both arms and scenes unchanged in the block; locks are taken in a fixed order."""
+        """Keep both arms and scenes unchanged in the ``with`` block; the lock order is fixed."""
         first, second = sorted((self, other), key=id)
         with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
@@ -375,7 +375,7 @@ class Scene:
 
     @contextmanager
     def _changing_things(self) -> Generator[None]:
-        """Prevent other changes of the things in the block; a running motion then checks again."""
+        """Prevent other changes in the ``with`` block; a running motion then checks its path."""
         locked = False
         while not (self._runner.watches_scene or locked):
             locked = self._runner.lock.acquire(timeout=_POLL_S)

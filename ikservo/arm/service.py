@@ -141,7 +141,8 @@ class ArmService:
     def relax(self, stopped: StopReason, relaxed: StopReason) -> JointMoveResult:
         """Stop the arm, lower it and switch torque off; it then stays stopped.
 
-        ``stopped`` ends a running motion; afterwards the arm does not move because of ``relaxed``.
+        ``stopped`` is the reason for the stop of a running motion; ``relaxed`` is the reason for
+        which the arm stays stopped afterwards.
 
         Raises:
             IkservoError: The arm does not come to rest, or cannot be lowered.

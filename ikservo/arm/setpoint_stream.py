@@ -49,7 +49,7 @@ class SetpointMailbox:
         self._taken_count = 0
 
     def put(self, setpoint: CartesianOrJointTarget) -> None:
-        """Replace the setpoint; return when the next one is due, or at once without a period."""
+        """Replace the setpoint; return when the next one is due (without a fixed rate: at once)."""
         with self._changed:
             self._setpoint, self._late = setpoint, False
             self.put_count += 1
@@ -158,7 +158,7 @@ class SetpointStream:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Brake and hold; raise the stream's error, unless the block itself raised one."""
+        """Brake and hold; raise the stream's error, unless the ``with`` block raised one."""
         self._mailbox.close()
         motion = self._require_motion()
         if error is None and not self._raised:

@@ -32,7 +32,7 @@ class StopListener:
 
     Args:
         bus: The bus.
-        arm: The name of the arm; empty if the servos belong to none.
+        arm: The name of the arm; empty if the servos belong to no arm.
     """
 
     def __init__(self, bus: ServoBus, arm: str) -> None:

@@ -60,7 +60,7 @@ def with_connection_options(hint: str, args: Sequence[str]) -> str:
 
 
 def _with_arm_and_port(name: str, arguments: str, arm: str, port: str) -> str:
-    """Return a command with arm and port, if it accepts them and has none."""
+    """Add arm and port to a command that accepts them and does not name them yet."""
     if "--help" in arguments:
         return f"ikservo {name}{arguments}"
     if arm and name in _ARM_AS_ARGUMENT:
@@ -85,7 +85,7 @@ def _with_arm_argument(arguments: str, place: int, arm: str) -> str:
 
 
 def _arm_from_arguments(args: Sequence[str]) -> str:
-    """Return the arm of a command, given as option or positional argument; empty without one."""
+    """Return the arm of a command, given as option or positional argument; empty if missing."""
     from_option = _option_value("--arm", args)
     if from_option or not args:
         return from_option
@@ -102,7 +102,7 @@ def _arm_from_arguments(args: Sequence[str]) -> str:
 
 
 def _option_value(name: str, args: Sequence[str]) -> str:
-    """Return the value of an option, given as ``--arm x`` or ``--arm=x``; empty without it."""
+    """Return the value of an option, given as ``--arm x`` or ``--arm=x``; empty if missing."""
     for arg, value in zip_longest(args, args[1:], fillvalue=""):
         if arg == name:
             return value

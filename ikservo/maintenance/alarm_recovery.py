@@ -41,7 +41,7 @@ class RecoveryResult:
 def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     """Clear alarms, and set the goal of every servo with torque to its position.
 
-    A servo whose torque is off gets no goal, because a goal can switch it on. A Feetech servo's
+    A servo whose torque is off gets no goal, because a goal can switch torque on. A Feetech servo's
     torque is switched off, and on again at its position if it was on. A Dynamixel is restarted only
     if ``reboot`` is true; this switches its torque off.
 

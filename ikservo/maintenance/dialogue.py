@@ -190,7 +190,7 @@ Dialogue: TypeAlias = Generator[Notice | Progress | Question | HandRequest, str 
 EntryDialogue: TypeAlias = Generator[
     Notice | Progress | Question | Entry | HandRequest, str | None, Result
 ]
-"""A dialogue that also asks for words and values; every `Dialogue` is one."""
+"""A dialogue that also asks for words and values; every `Dialogue` is also an `EntryDialogue`."""
 
 
 class ScriptedAnswers:
@@ -239,7 +239,8 @@ def read_answers(
 ) -> list[str]:
     """Read the answers from a file, one per line; ``#`` begins a comment.
 
-    In ``known``, a second word stands for any name. ``former`` has the new word for each old one.
+    ``known`` are the possible answers; a second word in one of them stands for any name. ``former``
+    maps each old word for an answer to its new word.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

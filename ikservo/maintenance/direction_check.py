@@ -71,7 +71,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the joint motion that best lifts an arm off its support; None without need or effect."""
+    """Plan the joint motion that best lifts an arm off its support; None if none is useful."""
     names = [joint.name for joint in arm.model.joints]
     return _plan_best_lift(arm, names, arm.clearance_m, _CLEAR_M)
 
@@ -79,14 +79,14 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 def check_clearance_m(arm: Arm, name: str) -> float:
     """Compute the clearance of the body during the test motion of a joint and back.
 
-    The result is the smaller of the clearances at the start and at the better of the two ends;
-    negative if the body would touch something.
+    The result is the smaller of the clearances at the start and at the end; of the two possible
+    ends, the one with more clearance counts. It is negative if the body would touch something.
     """
     return _test_clearance(arm, name)(_measured_positions(arm))
 
 
 def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
-    """Plan the motion of another joint that best clears a test; None without need or effect."""
+    """Plan another joint's motion that makes room for a test; None if none is useful."""
     others = [joint.name for joint in arm.model.joints if joint.name != name]
     return _plan_best_lift(arm, others, _test_clearance(arm, name), _MIN_CLEARANCE_M)
 
@@ -94,7 +94,7 @@ def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
 def _plan_best_lift(
     arm: Arm, names: Sequence[str], clearance: Clearance, enough_m: float
 ) -> DirectionCheck | None:
-    """Plan the motion of one of these joints that gains most clearance; None if not needed."""
+    """Plan the motion of a joint of ``names`` that gains most clearance; None if none is needed."""
     start = _measured_positions(arm)
     start_m = clearance(start)
     if start_m >= enough_m:
@@ -182,7 +182,7 @@ def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) 
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return a joint's limits, restricted to those of the arm file, beyond which are end stops."""
+    """Return a joint's limits inside those of the arm file, beyond which its end stops are."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 

@@ -66,9 +66,9 @@ class MotionPlan:
         tool_speed: The speed of the tip along lines or arcs; None if none was requested.
         via_pose: The intermediate retract pose; empty if the path is direct.
         around: The contact on the straight path that this path avoids; empty if straight.
-        kept: Description of the tool constraint, and of how much of it the path uses.
-        clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
-            infinite if paths are not checked.
+        kept: A text per constraint on the tool: how near the motion comes to its limit.
+        clearance_m: Smallest distance on the path between two parts of the arm, or from the arm to
+            the table or an obstacle; infinite if paths are not checked.
         planning_s: The time that planning took.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.

@@ -73,7 +73,7 @@ class ArmLease:
 
     @contextmanager
     def motion(self, lease: str) -> Generator[None]:
-        """Mark a motion as running within the block, in which its operator must send messages.
+        """Mark a motion as running in the ``with`` block; its operator must then send messages.
 
         Raises:
             LeaseLostError: The motion is requested under a lease that is no longer valid.

@@ -61,7 +61,7 @@ def test_pause_after_last_cycle_is_not_taken_for_servo_reset(arm, monkeypatch):
 
 
 @pytest.mark.sample(1)
-def test_stop_between_streams_of_a_motion_is_stop_not_refusal(arm, monkeypatch):
+def test_stop_between_streams_of_a_motion_raises_stopped_error(arm, monkeypatch):
     streaming, begun = servo_group(arm).streaming, []
 
     @contextlib.contextmanager

@@ -85,7 +85,7 @@ def test_loaded_limit_is_unchanged_if_goals_stay_inside(wx250s):
     assert elbow_limit(wx250s, leaning(wx250s, 0.1)) is None
 
 
-def test_loaded_limit_moves_by_the_lead_needed_there(wx250s):
+def test_loaded_limit_moves_inwards_by_the_lead_needed_there(wx250s):
     at_limit = leaning(wx250s, 0.0)
     moved = elbow_limit(wx250s, at_limit) - at_limit[wx250s.chain.names.index("elbow")]
     assert moved == pytest.approx(-lead_of_elbow(wx250s, at_limit))

@@ -109,7 +109,7 @@ def test_overload_warning_comes_2_s_before_servo_trips():
 
 
 @pytest.mark.full
-def test_overloaded_stream_is_relaxed_in_time_and_resumes():
+def test_overloaded_stream_reduces_load_in_time_and_resumes():
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         arm.pose("home")
         pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=True)

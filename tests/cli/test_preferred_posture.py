@@ -74,7 +74,7 @@ def test_preferred_posture_without_freedom_changes_nothing(run_cli):
         ("--prefer home --pitch 0", "--pitch"),
     ],
 )
-def test_bad_preferred_posture_is_a_usage_error(run_cli, options, why):
+def test_bad_preferred_posture_gives_usage_error(run_cli, options, why):
     result = run_cli(f"solve {POINT} {options}")
     assert result.code == 2
     assert why in result.err

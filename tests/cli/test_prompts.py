@@ -112,7 +112,7 @@ def test_prompt_ignores_keys_left_unread_before_it(terminal):
     assert confirm("Save?") is False
 
 
-def test_prompts_are_read_only_in_the_terminal_module():
+def test_only_the_terminal_module_reads_prompts():
     elsewhere = re.compile(r"typer\.(confirm|prompt)|\binput\(|stdin\.read")
     sources = Path(ikservo.cli.__file__).parent.rglob("*.py")
     found = [path.name for path in sources if elsewhere.search(path.read_text("utf-8"))]

@@ -182,7 +182,7 @@ def test_position_bar_shows_where_a_joint_is(position, drawn):
     assert position_bar(position, -1.0, 1.0, 9) == drawn
 
 
-def test_position_bar_without_limits_is_in_the_middle():
+def test_position_bar_without_limits_marks_the_middle():
     assert position_bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
 
 

@@ -258,7 +258,7 @@ def test_spherical_wrist_has_up_to_eight_solutions():
     assert max(counts) == 8
 
 
-def test_stretched_wrist_keeps_first_roll():
+def test_stretched_wrist_keeps_roll_of_the_start():
     arm, q = chain("wx250s"), np.array([0.3, 0.2, 0.4, 0.5, 0.0, 0.7])
     found = solutions(arm, target_of(arm, q, "pose"), q)[0]
     np.testing.assert_allclose(found, q, atol=1e-6)

@@ -163,7 +163,7 @@ def test_joint_action_beyond_limit_is_clipped_and_returned(connected, caplog):
     assert {record.levelno for record in caplog.records} == {logging.WARNING}
 
 
-def test_jump_of_actions_is_shaped_to_arm_limits(connected):
+def test_jump_in_actions_is_followed_within_arm_limits(connected):
     robot = connected(speed="fast")
     auditor = Auditor(arm_of(robot))
     send(robot, {"shoulder_pan.pos": 0.0}, 5)

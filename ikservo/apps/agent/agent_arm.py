@@ -173,7 +173,7 @@ class AgentArm:
         return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
     def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
-        """Plan a step of a program, and move the planned start to its end; return any error."""
+        """Plan a step of a program; the next step then starts at its end. Return any error."""
         preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
         try:
             if isinstance(motion, MoveGripper | Wait):

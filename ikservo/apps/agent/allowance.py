@@ -20,7 +20,7 @@ LONGEST_SEARCH_S = 10.0
 
 
 class Consent(StrEnum):
-    """Whose consent a motion needs."""
+    """The person or permission on whose consent a motion depends."""
 
     NOTHING = "nothing"
     """Nobody: the agent reads and plans, and nothing moves."""

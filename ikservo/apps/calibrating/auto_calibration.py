@@ -174,7 +174,7 @@ class RangeEnd:
 
     Attributes:
         joint: The joint.
-        start: The position from which the search starts: the middle of its range.
+        start: The position from which the search starts: the middle of the joint's range.
         expected: The position of this end in the arm file.
         past: The goal of the search, beyond the expected position.
     """
@@ -391,7 +391,7 @@ class AutoCalibration:
     def _find_end_stop(
         self, end: RangeEnd, subject: JointUnderCalibration
     ) -> Dialogue[float | str]:
-        """Search for a joint's stop; return its position, rad or m, or the reason why not."""
+        """Search for a joint's stop; return its position, rad or m, or why there was no search."""
         names, path = self.arm.model.chain.names, list[Vector]()
         try:
             if end.joint in names:  # to a posture in which the joint can move to its end

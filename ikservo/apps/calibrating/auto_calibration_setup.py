@@ -96,7 +96,7 @@ def configure_encoders(
 
 @contextmanager
 def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> Generator[None]:
-    """Restore the registers of servos whose torque is off if the block ends without a calibration.
+    """Restore the registers of the servos if the ``with`` block ends without a calibration.
 
     If the arm holds, its torque stays on, and the user is told how to restore them.
     """
@@ -267,7 +267,7 @@ class PosturePlanner:
         return best
 
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
-        """Return the smallest distance [m] on the path to an end, and the pair of parts there."""
+        """Return the smallest distance [m] of two parts on the path to an end, and these parts."""
         path = search.sample_path(posture)
         distances_m = self.space.distances(path)
         is_nearby = np.abs(path[:, search.column] - search.start) > search.clear_travel

@@ -72,7 +72,7 @@ class CalibrationOptions:
         skip: Joints that keep the arm file's range and sign.
         joints: Joints to be calibrated again; empty: all joints.
         user: Ranges set by the user, by joint.
-        write_limits: Whether to write the limits into the servos; None to ask.
+        write_limits: Whether to write the limits into the servos; None asks the user.
     """
 
     pose: str
@@ -222,7 +222,7 @@ def read_script(path: Path) -> list[str]:
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
-    """Return the request for a state before the review, read at a time [s]; its text is empty."""
+    """Return the request, still without text, for a state before the review, read at a time [s]."""
     ranges = ((track.low, track.high) for track in state.tracks.values())
     current = state.current_joint
     if state.stage is CalibrationStage.REFERENCE_POSE:

@@ -168,7 +168,7 @@ class CalibrationState:
         subjects: The joints, base to tip.
         margin_rad: Distance, as an angle of the horn, of limits from ends that were found by hand.
         stage: The stage of the procedure.
-        tracks: Position and range of each servo, by id; shadows included.
+        tracks: Position and range of each servo, by id; the second servo of a joint included.
         stillness: The readings of the last half second.
         reference_ticks: The tick of each servo in the reference pose, by id.
         signs: Directions that were found so far, by joint.
@@ -255,7 +255,7 @@ class CalibrationState:
     # --- events ---
 
     def update(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Add a reading of all servos, bare ticks by id, at a time [s]."""
+        """Add a reading of all servos at a time [s]: bare ticks (without homing offset) by id."""
         ticks_per_turn_by_id = {
             i: s.ticks_per_turn for s in self.subjects for i in (s.servo_id, *s.shadow_ids)
         }

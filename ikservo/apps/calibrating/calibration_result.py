@@ -74,7 +74,7 @@ class MeasuredJoint:
 
 
 def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
-    """Return the sign, zero and travel of a joint, in bare ticks.
+    """Return the sign, zero and travel of a joint, in bare ticks (without homing offset).
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
@@ -144,7 +144,7 @@ def build_calibration(
 ) -> CalibrationResult:
     """Compute the calibration from a procedure that has reached its review.
 
-    ``configs`` are the present ones by servo id, ``user`` the limits that the user has set.
+    ``configs`` are the servos' present settings by id; ``user`` are the limits that the user set.
 
     Raises:
         CalibrationError: A joint travels a revolution or more, or its range is empty.

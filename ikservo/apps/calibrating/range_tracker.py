@@ -27,7 +27,7 @@ _MAX_TURNS_PER_S = 1.6  # fastest motion by hand: 10 rad/s
 
 @dataclass(frozen=True, slots=True)
 class RangeTracker:
-    """The position and range of a servo, in unwrapped bare ticks.
+    """The position and range of a servo, in unwrapped bare ticks (without homing offset).
 
     Attributes:
         ticks_per_turn: Ticks of a revolution, or 0 for a sensor that does not wrap around.
@@ -112,7 +112,8 @@ class EndStopDetector:
         min_lag_rad: The smallest lag behind the goal at which the joint counts as blocked.
         contact: The state of the joint.
         blocked: Whether the joint has stood still long enough to be at a stop.
-        idle: Whether the joint has stood still so long that, without load, nothing holds it.
+        idle: Whether the joint has stood still so long that a small load shows that nothing blocks
+            it.
     """
 
     max_load_percent: float

@@ -5,7 +5,7 @@ the arm's base in the camera, the pose B of the board on the tip, and the forwar
 zeros, compliance and backlash (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
 estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all samples: e has six rows in
 the frame of the ray to the board. The deviations σ across the ray, along it, of the turn about it
-and of the tilt differ tenfold; they are estimated from the residuals (variance components). m and s
+and of the tilt differ by a factor of ten; the residuals give them (variance components). m and s
 are the prior mean and deviation of x. Parameters that the pictures do not determine keep their
 prior; otherwise, the zero of a last joint, which turns the board, would follow the smallest model
 error.

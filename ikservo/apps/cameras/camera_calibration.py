@@ -131,7 +131,7 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return the parameters that a camera may estimate: only its own pose if there are others.
+        """Return the parameters to estimate: only the camera's own pose if there are other cameras.
 
         The other cameras were calibrated with the arm's present zeros and compliances. A hand
         carries the arm's weight, so a calibration by hand does not show how links bend.

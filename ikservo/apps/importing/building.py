@@ -219,7 +219,7 @@ def _add_servos(
 
 
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Set the limits of a joint to the user's, or to those of a servo if it has none."""
+    """Set a joint's limits to the user's, or else reduce them to what a servo can turn."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"
@@ -293,7 +293,7 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
 
 
 def _loads_nm(draft: ArmDraft, options: ImportOptions) -> dict[str, float]:
-    """Return the largest gravity torque at each servo, N m; empty without masses."""
+    """Return the largest gravity torque at each servo, N m; empty if masses are unknown."""
     chain = build_chain(draft.urdf, draft.tip)
     model = Model.from_geometry(draft.name, draft.name, chain, draft.urdf, Path())
     masses = link_masses(model, chain)

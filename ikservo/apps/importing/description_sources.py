@@ -120,8 +120,8 @@ def read_foreign(
 ) -> Description:
     """Read a foreign description, but not the meshes that it names.
 
-    Only files in ``folder`` are read; without it, those in the folder of its package, or else its
-    own.
+    Only files in ``folder`` are read. Without it, only files in the folder of the description's
+    package are read, or else those in the description's own folder.
 
     Raises:
         FileFormatError: The description cannot be used; the message names the place and the cause.

@@ -40,8 +40,8 @@ class PackageFolders:
     def find(self, name: str) -> Path | None:
         """Find the folder of a package by its name, or by the name in its package.xml.
 
-        A folder that the user gave comes first. Then the folders above the description and those
-        beside them are searched, up to the root of a repository.
+        A folder that the user gave comes first. Then the folders above the description and their
+        direct subfolders are searched, up to the root of a repository.
         """
         if name not in self.used:
             folder = self.given.get(name) or self._look_upwards(name)

@@ -68,7 +68,8 @@ def find_structures(
 ) -> list[Structure]:
     """Find the arms of a tree: one for each tip, or the only one.
 
-    An empty ``gripper`` means no jaws; None: they are searched for, as is a tip without ``tips``.
+    An empty ``gripper`` means no jaws. If it is None, jaws are searched for; if there are no
+    ``tips``, the tip is searched for.
 
     Raises:
         UnknownNameError: There is no such link or joint.

@@ -152,9 +152,9 @@ class LoopFit:
     Attributes:
         duty_per_rad: Duty per rad (m) between goal and joint.
         duty_per_rad_error: The standard error of ``duty_per_rad``.
-        share_before: The relative prior standard deviation.
+        share_before: The relative prior standard deviation of ``duty_per_rad``.
         startup_duty: Duty that is added in the direction of the error.
-        delay_s: The apparent age d of the position to which the duty belongs.
+        delay_s: The delay d with which the duty responds to the measured position.
         noise: The RMS deviation of the duty from this fit; the D gain responds to the steps of
             goals and position.
     """

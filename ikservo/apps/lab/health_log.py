@@ -1,4 +1,4 @@
-"""Health of an arm's servos over time: one record per measurement, and changes.
+"""Health of an arm's servos over time: a record of each measurement, and signs of wear.
 
 ``health/<arm>-<adapter>.jsonl`` in the user's folder has a line per run of `ikservo monitor` and
 `ikservo identify`. Wear shows as backlash or friction that rises by more than the uncertainty of
@@ -208,7 +208,7 @@ def changes_of(records: Sequence[HealthRecord]) -> list[Change]:
     """Return significant rises from the earlier measurements to the latest.
 
     Each joint's backlash and friction are compared with the weighted mean of earlier values. A rise
-    counts if it exceeds three standard errors; then one report in fifty on six joints is wrong.
+    counts if it exceeds three standard errors; for six joints, one report in fifty is then wrong.
     """
     names = dict.fromkeys(joint.name for record in records for joint in record.joints)
     changes = (_change(records, name, key) for name in names for key in _REPEATS)

@@ -120,7 +120,7 @@ def place_cube(arm: OpenArm) -> IsoCube:
 
 
 def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
-    """Check whether the arm reaches the whole cube in one branch and with its clearance.
+    """Check whether the arm reaches the whole cube in one IK branch and with enough clearance.
 
     The body must be clear if the tool keeps its orientation, as in motions. The orientation
     depends on the earlier motion, so the cube is visited twice.

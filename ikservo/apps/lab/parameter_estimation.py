@@ -44,7 +44,7 @@ from ikservo.kinematics.dynamics import Dynamics
 
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
-"""A parameter is determined if its standard error is below this fraction of its prior's."""
+"""A parameter is determined if its standard error is below this fraction of its prior error."""
 _KEPT_ASIDE = 4  # every fourth pair of legs, there and back, is held out for validation
 _MIN_WINDOWS = 12  # windows per joint
 _BACKLASH_RAD = 0.02  # prior standard deviation
@@ -67,7 +67,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Errors of a joint's predicted lag behind its goals, on legs kept aside.
+    """Errors of a joint's predicted lag behind its goals, on legs left out of the estimate.
 
     Attributes:
         identified: Root mean square error with the parameters estimated from the other legs, rad

@@ -159,7 +159,7 @@ class SessionController:
         return frames + client.take_outbox()
 
     def stop(self, by: str) -> None:
-        """Brake and hold until acknowledged; ``by``, the actor, begins a sentence."""
+        """Brake and hold until acknowledged; ``by`` is the subject of the notice to the user."""
         self._forget_targets()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
         self._arm_thread.request_stop(StopReason(StopKind.CLIENT, f"{by}."))

@@ -260,7 +260,7 @@ class FrameComposer:
         self._index = arm.joint_index
 
     def show_camera(self, camera_view: CameraView | None) -> None:
-        """Offer the picture of a calibrated camera as a view; None for none."""
+        """Offer the picture of a calibrated camera as a view; None withdraws it."""
         self._camera_view = camera_view
         self.views: tuple[ViewName, ...] = available_views(self.extent)
         if camera_view is not None:

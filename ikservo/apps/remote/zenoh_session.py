@@ -44,7 +44,7 @@ class Certificate:
 def open_server(
     listen: Endpoint, certificate: Certificate | None, access: Mapping[str, object] | None
 ) -> Generator[zenoh.Session]:
-    """Listen at an endpoint in the block; TLS needs the server's certificate and access control.
+    """Listen at an endpoint in the ``with`` block; TLS needs a certificate and access control.
 
     Raises:
         PortError: The endpoint is in use, or the certificate cannot be used.

@@ -154,7 +154,7 @@ class ProgramRun:
     def _checked_steps(
         self, program: Program, folder: Path, begin: int, caller: int | None = None
     ) -> Iterator[NextStep]:
-        """Yield each step from index ``begin`` on as often as it can end at a different place."""
+        """Yield each step from index ``begin`` on, once for each place at which it can end."""
         places = max((s.grid.rows * s.grid.columns for s in program.steps if s.grid), default=1)
         count = len(program.steps)
         rounds = [(1, range(begin, count))]

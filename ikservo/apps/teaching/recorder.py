@@ -148,7 +148,7 @@ def record_open_arm(
         until: Called at each sample; ends the recording by returning True.
         period_s: Time between two samples.
         overwrite: Whether an existing file may be replaced.
-        foxglove_port: The port on this machine that serves messages to Foxglove; None for none.
+        foxglove_port: The port on this machine that serves Foxglove; None serves nothing.
 
     Raises:
         BadValueError: The file exists, or a number is out of its range.

@@ -196,7 +196,7 @@ class RecordingWriter:
 
 
 class RecordingFile:
-    """A file for a recording; a replacement is written beside the old file and renamed at the end.
+    """A file for a recording; a replacement is written next to the old file and renamed at the end.
 
     Args:
         path: The file.

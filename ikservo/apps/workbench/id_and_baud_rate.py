@@ -239,7 +239,7 @@ def wait_for_servo(
     """Return the only servo that replies, as soon as it has replied twice in a row.
 
     It may have any known baud rate and belong to any family; the protocol of ``table`` is tried
-    most often, and ``rate`` besides the rates of a new servo. The wait continues while several
+    most often, at ``rate`` and at the rates of a new servo. The wait continues while several
     servos reply, even at one id. Yields each baud rate before it is tried, and the replying servos
     when they change.
 

@@ -6,9 +6,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 from ikservo.apps.workbench.findings import Finding, failure, ok, warning
-from ikservo.apps.workbench.tried_values import read_former, restore_former, tried_differences
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.servo_config import calibration_registers
+from ikservo.control.servo_gains import read_former, restore_former, tried_differences
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
 from ikservo.guard import alarm_hint
 from ikservo.hardware.bus import ServoBus
@@ -87,7 +87,7 @@ def _expected_registers(
 
 
 def all_servos(model: Model) -> list[ModelServo]:
-    """Return every servo of the arm file; further servos of a joint follow its first."""
+    """List every servo of the arm file; a joint's first servo stands before its other servos."""
     return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
 
 
@@ -124,7 +124,7 @@ _LONG_DELAY_S = 1e-4  # sum over all servos
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
-    """Check the servos that reply, or only each by itself without a model; change nothing."""
+    """Check the servos that reply; without a model, check only each by itself. Change nothing."""
     limits = model.health if model else _USUAL_HEALTH
     wrong_supply = set[int]()
     checks: dict[str, Callable[[], Iterator[Finding]]] = {

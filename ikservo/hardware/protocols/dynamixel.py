@@ -1,10 +1,10 @@
 """Dynamixel drivers for protocols 1.0 and 2.0, on the vendor's SDK.
 
 The SDK builds and sends every packet through ``txPacket``, which is the same in 3.7.31 and in
-4.1.0. Defects (D1 to D13) are numbered as in docs/sdk-defects.md. Byte stuffing, which the SDK
-computes and then discards, is corrected on sending (D1). The SDK's reception is not used, because
-it loses a byte of some stuffed replies (D2), returns the CRC as data if a servo has refused (D3),
-and drops the alarms of servos in sync reads (D4, D5).
+4.1.0. Defects are numbered as in docs/sdk-defects.md (D11). Byte stuffing, which the SDK computes
+and then discards, is corrected on sending (D1). The SDK's reception is not used, because it loses a
+byte of some stuffed replies (D2), returns the CRC as data if a servo has refused (D3), and drops
+the alarms of servos in sync reads (D4, D5).
 
 Packets of protocol 1.0 go through ``Protocol1PacketHandler.txPacket``. The reception of this
 handler is not used either: it returns the checksum as data if a servo has refused (D3), and waits

@@ -31,5 +31,5 @@ def test_warning_names_both_unsearched_end_stops(shoulder):
     )
 
 
-def test_warning_gives_range_of_joint_of_nearly_a_turn(shoulder):
+def test_warning_names_range_of_joint_with_nearly_full_turn(shoulder):
     assert "not searched: its range in the arm file, -111.0° to 107.0°" in nearly_a_turn(shoulder)

@@ -82,7 +82,7 @@ def test_calibration_dialogue_ends_with_saved_file(mount_arm, run_cli, home):
     assert [joint.swept for joint in calibration.joints] == ["by hand", "by hand"]
 
 
-def test_calibration_off_terminal_prints_one_line_per_step(mount_arm, run_cli):
+def test_calibration_without_terminal_prints_one_line_per_step(mount_arm, run_cli):
     lines = calibrated(mount_arm(sign=1), run_cli).err.splitlines()
     assert [line for line in lines if line.startswith("Step ")] == [
         'Step 1 of 5: Put the arm in the pose "home". Hold it still …',

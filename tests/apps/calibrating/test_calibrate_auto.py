@@ -283,7 +283,7 @@ def test_stopped_auto_calibration_names_revert_command(arm, narrow, run_cli):
 
 
 @pytest.mark.full
-def test_joint_without_end_stops_is_not_driven_to_search_one(monkeypatch, run_cli):
+def test_joint_without_end_stops_is_skipped_by_auto_search(monkeypatch, run_cli):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
     done = run_cli(f"calibrate planar2 --port {PORT} --pose rest --auto --yes")
@@ -375,7 +375,7 @@ def stopped_there(_):
 
 
 @pytest.mark.full
-def test_arm_without_room_must_start_at_another_pose(monkeypatch, run_cli):
+def test_auto_calibration_without_room_suggests_another_pose(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.maintenance.direction_check.plan_clearance", lambda *_: None)
     done = limp(run_cli, "so100")
     assert done.code == 8
@@ -386,7 +386,7 @@ def test_arm_without_room_must_start_at_another_pose(monkeypatch, run_cli):
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("name", ARMS)
-def test_limp_shipped_arm_measures_or_explains_each_joint(run_cli, name):
+def test_auto_calibration_measures_or_reports_every_joint(run_cli, name):
     done = limp(run_cli, name)
     assert done.code == 0, done.err
     for joint in done.json["joints"]:

@@ -104,7 +104,7 @@ def test_test_motion_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
     assert "joint1 moves so that the tool moves" in capsys.readouterr().err
 
 
-def test_test_motion_in_wrong_direction_is_an_error(monkeypatch):
+def test_test_motion_in_wrong_direction_is_reported(monkeypatch):
     _, check = check_with_answers(monkeypatch, Did="n")
     with pytest.raises(CalibrationError, match="joint1 does not move as"):
         check()

@@ -67,7 +67,7 @@ def known(low, high, anchor):
         (1000, 3000, 3001, (1000, 3000)),
     ],
 )
-def test_known_travel_is_shifted_to_the_turn_of_the_pose(low, high, anchor, travel):
+def test_known_travel_is_shifted_to_the_turn_of_anchor_pose(low, high, anchor, travel):
     found = known(low, high, anchor)
     assert (found.travel, found.swept) == (TickRange(*travel), "by LeRobot")
 

@@ -32,7 +32,7 @@ def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
         (4074, JointProgress.FREE),
     ],
 )
-def test_meter_shows_complete_at_80_percent_and_free_at_turn(ticks, state):
+def test_meter_shows_complete_at_80_percent_and_free_at_360_deg(ticks, state):
     # 3 rad are 1955.7 ticks; a turn less two degrees is 4073.2
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 

@@ -79,7 +79,7 @@ def test_pose_is_accepted_only_when_arm_is_still():
     assert hand.rest().accept().state.stage is CalibrationStage.SWEEP
 
 
-def test_trembling_hand_gives_mean_reference_tick():
+def test_reference_tick_is_mean_while_hand_trembles():
     hand = Hand(subject())
     for k in range(40):
         hand.ticks[1] = 500 + (k % 2) * 3
@@ -243,7 +243,7 @@ def test_joint_turned_too_fast_must_be_remeasured():
 
 
 @pytest.mark.parametrize(("gap_s", "lost"), [(0.3, False), (0.5, False), (0.7, True)])
-def test_reading_gap_loses_turn_only_if_hand_could_make_one(gap_s, lost):
+def test_turn_is_lost_if_hand_could_make_one_in_reading_gap(gap_s, lost):
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.at_s += gap_s
     hand.move(300, step=300)
@@ -281,7 +281,7 @@ def test_servos_of_joint_with_opposite_counts_are_refused():
         hand.accept()
 
 
-def test_known_range_does_not_need_sweep():
+def test_joint_with_known_range_does_not_need_sweep():
     hand = Hand(subject(known=TickRange(0, 2000))).rest().accept().move(400).accept()
     assert hand.state.stage is CalibrationStage.REVIEW
 
@@ -388,7 +388,7 @@ def test_script_error_names_its_line(tmp_path):
         read_script(path)
 
 
-def test_calibration_state_is_immutable_value():
+def test_calibration_state_is_immutable():
     hand = Hand(subject()).rest()
     before = hand.state
     hand.accept()

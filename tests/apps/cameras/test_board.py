@@ -99,7 +99,7 @@ def test_simulated_camera_has_same_place_for_any_start_pose(name):
         (lambda p: p[:, : p.shape[1] // 2 - 40], "too little of the board"),
     ],
 )
-def test_picture_without_usable_board_says_why(camera, spoil, message):
+def test_picture_without_usable_board_is_refused_with_reason(camera, spoil, message):
     with pytest.raises(CalibrationError, match=message):
         find_board(BOARD, spoil(camera.take()))
 

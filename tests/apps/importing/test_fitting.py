@@ -150,7 +150,7 @@ def hostile_triangles(name):
         "loose, 30,000", "loose, 100,000", "one huge", "duplicated",
     ],
 )  # fmt: skip
-def test_fit_of_hostile_triangles_is_bounded(name, monkeypatch):
+def test_capsule_fit_of_hostile_mesh_has_bounded_work_and_memory(name, monkeypatch):
     triangles, cut = hostile_triangles(name), []
     halves, by_plane = mesh_capsules._halves, mesh_capsules._cut_by_plane
     monkeypatch.setattr(
@@ -173,7 +173,7 @@ def test_fit_of_hostile_triangles_is_bounded(name, monkeypatch):
 
 
 @pytest.mark.full
-def test_fit_beside_large_triangles_is_bounded():
+def test_capsule_fit_beside_large_triangles_has_bounded_memory():
     core = np.array(trimesh.creation.box((0.1, 0.1, 0.1)).triangles)
     others = hostile_triangles("large triangles")
     given = fit_capsules(core, [others]).capsules

@@ -149,7 +149,7 @@ def test_mesh_file_above_size_limit_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("inside", ["meshes/bar.stl", "small_description/meshes/bar.stl"])
-def test_package_names_are_found_in_model_folder(inside, tmp_path):
+def test_mesh_is_found_by_package_relative_or_file_name(inside, tmp_path):
     (tmp_path / inside).parent.mkdir(parents=True)
     (tmp_path / inside).write_bytes(b"")
     (tmp_path / "urdf").mkdir()

@@ -168,7 +168,7 @@ def resident_mb():
     return pages * resource.getpagesize() / 2**20
 
 
-def test_client_without_http_writes_no_log_line(house):
+def test_client_that_does_not_send_http_is_not_logged(house):
     assert not logging.getLogger("uvicorn.error").isEnabledFor(logging.WARNING)
 
 

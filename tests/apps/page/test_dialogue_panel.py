@@ -125,7 +125,7 @@ def test_page_on_other_machine_cannot_import_server_files(tmp_path):
     assert not panel.is_running
 
 
-def test_check_on_page_lists_findings_and_finds_nothing_wrong(panel):
+def test_check_on_page_of_healthy_arm_reports_no_faults(panel):
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))
     wait_for(panel, ended)
     assert panel.fields()["result"] == "No faults found."

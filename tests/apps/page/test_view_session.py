@@ -198,7 +198,7 @@ def held_s(session, cut_s, way):
     return sent_goals[changed[-1]][0] - heartbeats_s[0]
 
 
-def test_stop_after_acknowledgement_stays(session):
+def test_stop_right_after_acknowledgement_is_latched(session):
     session.send_message(page_messages.Stop)
     session.arm_thread.step()
     session.send_message(page_messages.Acknowledge)
@@ -520,7 +520,7 @@ def test_wheel_moves_goal_by_one_degree_per_notch(session):
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 
 
-def test_arm_thread_commands_are_replaced_as_a_whole(session):
+def test_arm_thread_command_is_replaced_only_by_post(session):
     command = replace(session.arm_thread.command, speed="fast")
     session.arm_thread.post(command)
     assert session.arm_thread.command is command

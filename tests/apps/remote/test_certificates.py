@@ -211,7 +211,7 @@ def test_server_without_tls_is_reported(certificates):
     ("host", "why"),
     [("no-such-host.invalid", "no machine named"), ("127.0.0.1", "nothing listens there")],
 )
-def test_unknown_host_differs_from_host_without_server(host, why):
+def test_error_tells_unknown_host_from_host_without_server(host, why):
     with socket.create_server(("127.0.0.1", 0)) as server:
         free_port = server.getsockname()[1]
     with pytest.raises(PortError, match=why), open_client([Endpoint("tcp", host, free_port)], None):

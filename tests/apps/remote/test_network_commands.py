@@ -181,7 +181,7 @@ def test_stop_of_hanging_server_is_tried_3_times_and_unconfirmed(served, run, mo
     assert f"desk at tcp/127.0.0.1:{served.port} was not confirmed" in err
 
 
-def test_stop_ignores_slow_network(served, run, monkeypatch):
+def test_stop_is_obeyed_over_slow_network(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", 0.0)
     assert run("stop", "--port", served.address)[0] == 0
     assert served.arm.stop_reason is not None

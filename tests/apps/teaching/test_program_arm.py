@@ -86,7 +86,7 @@ def test_every_program_step_kind_survives_write_and_read(tmp_path):
         ("[[steps]]\nmotion.wait = { duration_s = 0.0 }", "step 1, motion: The wait is 0 s"),
     ],
 )
-def test_a_malformed_program_is_one_error_that_names_the_key(tmp_path, text, expected):
+def test_malformed_program_is_refused_naming_the_key(tmp_path, text, expected):
     path = tmp_path / "bad.toml"
     head = "" if not text or "format" in text else 'format = 1\narm = "so101"\n'
     path.write_text(head + text)

@@ -145,7 +145,7 @@ class CandidateSelection:
     def candidates_at(
         self, at: Vector, context: PointerContext
     ) -> tuple[PickCandidate | None, ...]:
-        """List what a press at a pixel (2,) can grab: links and objects, None, then fixed links."""
+        """List what a press can grab: links and objects, the free plane (None), fixed links."""
         found = self._hit_tester.candidates_at(at, context)
         fixed = tuple(each for each in found if each.kind == "fixed")
         return (*found[: len(found) - len(fixed)], None, *fixed)
@@ -364,7 +364,7 @@ class Drag:
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. A repeated click selects what is behind."""
+        """End the drag; the last command stays. A repeated click selects the next thing behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None
@@ -421,14 +421,14 @@ class Drag:
     ) -> tuple[tuple[PickCandidate | None, ...], int]:
         """Return all options of a press at a pixel (2,), and the selected index.
 
-        None stands for the plane of the view: the tip moves there.
+        None stands for the plane of the view: a click on it moves the tip to that point.
         """
         at = np.asarray(px, dtype=np.float64)
         options = self._selection.candidates_at(at, context)
         return options, self._selection.selected_index(at, options)
 
     def select_next(self, px: ArrayLike, context: PointerContext, step: int = 1) -> None:
-        """Select the thing behind the selected one at a pixel (2,), or with -1 in front of it."""
+        """Select the next thing behind the selected one at a pixel (2,), or with -1 in front."""
         self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
 
     def set_objects(self, objects: Picker) -> None:

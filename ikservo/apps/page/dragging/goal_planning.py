@@ -96,7 +96,8 @@ class PlanRequest:
     def has_sagged_since(self, before: PlanRequest) -> bool:
         """Return whether the only change is that a limp arm sank a little.
 
-        A joint outside its limits may not return even the few ticks to the start of the plan.
+        For a joint outside its limits, even a few ticks count, because the guard may not let it
+        move back to the start of the plan.
         """
         there = copy(self)
         there.start = before.start

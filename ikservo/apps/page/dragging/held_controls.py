@@ -35,9 +35,9 @@ class GripperControl:
     ) -> float | None:
         """Compute the next joint goal, rad or m; None while no button is held.
 
-        A ``grip`` of 1 closes, -1 opens, and smaller values move more slowly. The goal must not
-        lead the measured joints (n,) by much, except in the preview (None), which presses on
-        nothing.
+        A ``grip`` of 1 closes, -1 opens, and smaller values move more slowly. The goal leads the
+        ``measured`` joints (n,) only a little, so that the jaws do not press hard. In the preview,
+        ``measured`` is None, and the lead is not limited.
         """
         elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_GRIP_STEP_S), now_s
         if not grip:

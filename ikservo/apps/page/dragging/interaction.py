@@ -123,7 +123,7 @@ class Interaction:
 
     @property
     def drawn_goal(self) -> Vector | None:
-        """All joints (n,) to draw as the goal: of the target, or the end of several motions."""
+        """All joints (n,) to draw as the goal: at the target, or after several motions."""
         path = self.path if self.goal is None else None
         return self.goal if path is None or path.run is None or not path.plan else path.plan.goal
 

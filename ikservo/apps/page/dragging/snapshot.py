@@ -93,7 +93,7 @@ class ArmSnapshot:
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
-        start: The start of a motion (n,).
+        start: The joints (n,) at which a motion would start now.
         read_s: The time of the measurement.
         reference: The reference of the joints (n,); None while no session runs.
         states: Telemetry of the servos, a little older.

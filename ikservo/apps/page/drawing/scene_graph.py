@@ -155,7 +155,7 @@ class _JointPositions:
         self._others = [(i, step.joint) for i, step in enumerate(moving) if not step.scale]
 
     def at(self, q: Vector, others: Mapping[str, float]) -> list[float]:
-        """Compute the positions, rad or m, at joints (dof,) and joints that q does not move."""
+        """Compute the positions, rad or m, from q (dof,) and ``others``: other joints by name."""
         at: Vector = self._scales * q[self._columns] + self._shifts
         for i, joint in self._others:
             other = other_joint_position(joint, others)

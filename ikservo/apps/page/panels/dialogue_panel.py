@@ -54,7 +54,7 @@ class LeaveDialogue(PageMessage):
 class DialoguePanel:
     """Runs one dialogue at a time and keeps its state for the page.
 
-    Stop all closes the pipe, which the process checks before each step of a motion.
+    The button *Stop all* closes the pipe, which the process checks before each step of a motion.
 
     Args:
         folder: The folder in which the arms' folders are made.
@@ -176,7 +176,7 @@ class DialoguePanel:
         return ()
 
     def fields(self) -> dict[str, object] | None:
-        """Return the state for the page; None without a dialogue."""
+        """Return the state for the page; None if no dialogue was started."""
         if self._line is None and self._ended is None:
             return None
         ended, question = self._ended or DialogueEnd(), self._question

@@ -130,7 +130,7 @@ class ArmCameras:
         video: The source of the pictures that are shown; None if none are shown.
         name: The name of that camera; see ``CameraView``.
         choices: See ``PageCameras.choices``.
-        chosen: The title of the shown camera; empty for none.
+        chosen: The title of the shown camera; empty if no camera is shown.
 
     Raises:
         IkservoError: See ``PageCameras.open_before``.

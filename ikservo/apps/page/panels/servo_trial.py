@@ -59,7 +59,7 @@ def try_on_joint(
 
 
 def describe_trials(trials: Sequence[Trial]) -> str:
-    """Describe the responses with the present gains and with the best others."""
+    """Describe the responses with the present gains and with the best other gains."""
     text = ""
     for name, trial in zip(("before", "after"), _compared(trials), strict=True):
         response = trial.response

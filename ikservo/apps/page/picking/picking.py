@@ -173,7 +173,7 @@ class HitTester:
     def joint_at(
         self, at: Vector, context: PointerContext, found: PickCandidate | None
     ) -> JointDial | None:
-        """Find the joint whose hub is under the pointer, or else the joint that moves the link."""
+        """Find the joint whose hub is under the pointer, or else the joint of the link there."""
         poses, q = self.poses(context), context.arms[0]
         hubs_m = np.array([dial.hub(poses, q) for dial in self._dials.values()])
         away_px = np.hypot(*(context.camera.project(hubs_m)[0] - at).T)
@@ -192,5 +192,5 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Check whether a hit is beside the pointer; a stable sort by this keeps the depth order."""
+    """Check whether a hit is only next to the pointer; a sort by it keeps the order of depth."""
     return found.hit.away_px > 0.0

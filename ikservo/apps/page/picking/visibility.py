@@ -145,7 +145,7 @@ def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
 
 
 def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
-    """Return a grid of pixels (n, 2) over the bounds of others, at most 80° off the axis."""
+    """Return a grid of pixels (n, 2) around all ``corners_px``, at most 80° off the axis."""
     max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
     centre = camera.viewport.centre_px
     low = np.maximum(corners_px.min(axis=0), centre - max_offset)

@@ -80,7 +80,7 @@ class ArmJob(Protocol):
 
 @contextmanager
 def refusals_logged(arm: Arm, observer: JobObserver) -> Generator[None]:
-    """Log a refusal of what the block does, unless it has stopped the arm."""
+    """Log a refusal in the ``with`` block, unless the refusal has stopped the arm."""
     try:
         yield
     except (InputError, RefusedError, UnreachableError) as error:

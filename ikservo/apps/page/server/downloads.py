@@ -32,7 +32,7 @@ class Download:
 
 
 class DownloadOffers:
-    """Issues an address per file for a limited time, because a request cannot prove its key."""
+    """Issues an address per file for a limited time, because a download cannot prove a key."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

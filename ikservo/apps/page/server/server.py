@@ -416,7 +416,7 @@ def serve(app: Starlette, address: BoundAddress) -> None:
 
 @contextmanager
 def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
-    """Serve in a separate thread within the block; yield the URL."""
+    """Serve in a separate thread during the ``with`` block; yield the URL."""
     server = _make_server(app, address)
     thread = threading.Thread(target=server.run, args=([address.socket],), daemon=True)
     thread.start()

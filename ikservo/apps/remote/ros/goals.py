@@ -264,7 +264,7 @@ class PoseGoal:
 
 
 def pose_goal(pose: Any) -> PoseGoal:  # noqa: ANN401  # geometry_msgs/msg/Pose
-    """Return the goal in a pose; a quaternion of zeros leaves the orientation free.
+    """Return the goal that a pose message asks for; a zero quaternion leaves the orientation free.
 
     Raises:
         InputError: A number is not finite, or the quaternion has no direction.
