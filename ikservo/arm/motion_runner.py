@@ -264,7 +264,6 @@ class MotionRunner:
                 pass
             leave()
             with self.lock:  # not while another process relaxes the arm
-                self._servos.restore_gains()
                 self._context.port.close()
 
     @contextmanager

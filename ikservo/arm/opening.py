@@ -19,7 +19,6 @@ from ikservo.arm.stoppable_bus import stoppable
 from ikservo.calibration.paths import identified_path
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
-from ikservo.control.servo_gains import restore_lowered
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, InputError, RefusedError
 from ikservo.files.writing import FileWriteError
@@ -197,8 +196,6 @@ def open_own_arm(
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, driven_joints, shadows, bus.port.clock, model.health, gripper)
-        for warning in restore_lowered(bus):
-            servos.log_warning(warning)
         checker = make_collision_checker(model, own.chain()) if collisions else None
         chain = _narrow_chain(own.chain(), driven_joints)
         serial_number = serial_number_of(opened_port.name)

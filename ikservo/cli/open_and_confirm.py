@@ -115,8 +115,6 @@ def open_from_options(
                 "Not calibrated: using nominal zeros; the position may be wrong by several cm."
             )
         if isinstance(machine, Arm):
-            for warning in machine.context.servos.warnings:  # of opening the arm
-                print_status(warning)
             machine.context.servos.warn = print_status
             machine.context.servos.stop_request.raise_if_set(REQUEST_HINT)
         with second_interrupt_lowers(machine):

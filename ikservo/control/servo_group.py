@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Collection, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -21,7 +21,7 @@ from ikservo.control.joint_reading import (
     read_registers,
     with_retries,
 )
-from ikservo.control.servo_gains import LoweredGains, raise_gains, read_gain_shares
+from ikservo.control.servo_gains import raise_gains, read_gain_shares
 from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
@@ -30,7 +30,6 @@ from ikservo.control.watchdog_and_torque_limits import (
     read_overload_rule,
     read_torque_share,
 )
-from ikservo.errors import IkservoError
 from ikservo.guard import (
     DrivenJoint,
     HealthLimits,
@@ -68,9 +67,6 @@ class ServoGroup(StreamedServos):
         clock: The clock of the bus.
         health: The limits of temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
-
-    Attributes:
-        gains: Lowers the gains of servos that swing.
     """
 
     def __init__(
@@ -83,7 +79,6 @@ class ServoGroup(StreamedServos):
         gripper: str | None = None,
     ) -> None:
         super().__init__(bus, driven_joints, clock)
-        self.gains = LoweredGains(bus)
         self._gripper, self._sink_time_s = gripper, _SINK_TIME_S
         self._shadow_ids = {name: tuple(ids) for name, ids in shadows.items()}
         self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}
@@ -156,7 +151,7 @@ class ServoGroup(StreamedServos):
         for error in torque_off(self._bus, (servo_id, *self._shadow_ids.get(joint, ()))).values():
             raise error
 
-    @contextlib.contextmanager
+    @contextmanager
     def tolerate_heat(self) -> Generator[None]:
         """Allow motions of an overheated arm within the block.
 
@@ -167,21 +162,6 @@ class ServoGroup(StreamedServos):
             yield
         finally:
             self._health = usual
-
-    def restore_gains(self) -> None:
-        """Put back gains that are still lowered; joints hold where they are."""
-        if not self.gains.former:
-            return
-        rows = zip(self._ids, self._feedback.latest, strict=True)
-        held = [tick if i in self.gains.former else None for i, tick in rows]
-        with contextlib.suppress(IkservoError):
-            self._send(self._gate.pass_hold(held))
-        for servo_id in list(self.gains.former):
-            try:
-                self.gains.restore(servo_id)
-            except IkservoError as error:
-                text = f"its gains are lowered until the arm is opened again: {error.message}"
-                self.log_warning(f"{self._bus.servos[servo_id]}: {text}")
 
     @property
     def bus(self) -> ServoBus:

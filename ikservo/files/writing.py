@@ -47,12 +47,7 @@ class FileWriteError(IkservoError, OSError):
 
 
 def write_atomic(
-    path: Path,
-    content: str | bytes,
-    *,
-    keep_old: bool = False,
-    private: bool = False,
-    synced: bool = True,
+    path: Path, content: str | bytes, *, keep_old: bool = False, private: bool = False
 ) -> None:
     """Replace a file atomically, or leave it unchanged.
 
@@ -65,7 +60,6 @@ def write_atomic(
         keep_old: Whether the old content is kept in a second file, which ends in ``.bak``.
         private: Whether a new file is readable by its owner only. A replaced file keeps its
             permissions.
-        synced: Whether to wait until the file would survive a power cut, which can take seconds.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken; ``changed`` says if it was written.
@@ -73,7 +67,7 @@ def write_atomic(
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        name = _write_beside(path, data, private, synced=synced)
+        name = _write_beside(path, data, private)
         with _removed_if_it_fails(name):
             if keep_old and path.exists():
                 old = _write_beside(path, path.read_bytes(), private)
@@ -81,9 +75,8 @@ def write_atomic(
                     os.replace(old, path.with_name(path.name + BACKUP_SUFFIX))  # noqa: PTH105
                 _sync_folder(path.parent)
             os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
-    if synced:
-        with _translating_os_errors(path, changed=True):
-            _sync_folder(path.parent)
+    with _translating_os_errors(path, changed=True):
+        _sync_folder(path.parent)
 
 
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
@@ -209,8 +202,8 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
         raise
 
 
-def _write_beside(path: Path, data: bytes, private: bool, *, synced: bool = True) -> str:
-    """Write a new file next to ``path``, with the same permissions; return its name."""
+def _write_beside(path: Path, data: bytes, private: bool) -> str:
+    """Write a new file beside ``path``, with the same permissions; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
     mode, is_new = 0o600 if private else 0o666, not path.exists()
     if not is_new:
@@ -224,8 +217,7 @@ def _write_beside(path: Path, data: bytes, private: bool, *, synced: bool = True
             left = memoryview(data)
             while left:
                 left = left[os.write(handle, left) :]
-            if synced:
-                os.fsync(handle)
+            os.fsync(handle)
         finally:
             os.close(handle)
     return name

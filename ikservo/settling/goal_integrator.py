@@ -1,4 +1,4 @@
-"""The goal of one joint during settling: integrated, braked, and softened during a swing."""
+"""The goal of one joint during settling: integrated, relieved, and softened during a swing."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ _FRICTION_MARGIN = 0.15
 _SWUNG_RAD_S = (0.015, 0.01)
 # It drifts on in its backlash when its goal has stopped; reversing then would throw it again.
 _SWUNG_ENOUGH_TICKS = 3
-# A joint whose servo is softened carries so little that its goal leads it by no more than this.
-_MAX_SOFT_LEAD_TICKS = 6.0
 # Near its target, the correction waits for a joint that has just moved, because it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -63,8 +61,8 @@ class GoalIntegrator:
     because reversing would cross the backlash and make it jump further. Each time it jumps over the
     target again, the accepted error doubles. When it arrives, its goal goes back from the edge of
     the friction band, so that friction does not release it again. The servo of a joint that swings
-    is softened until the joint rests (``SwingDamper``), by lower gains if it carries nothing; the
-    joint is then corrected slowly. If this starts swings repeatedly, the goal stays.
+    is softened until the joint rests (``SwingDamper``); the joint is then corrected slowly. If this
+    starts swings repeatedly, the goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -79,9 +77,6 @@ class GoalIntegrator:
         at: The last measured position, ticks.
         still_since_s: Time since which the joint is within sensor noise of its position.
         moved_s: Time of the last change of position, without changes back due to noise.
-        softness: The factor by which the servo is softer while its gains are lowered.
-        stiffens: Whether the goal was chosen for the former gains, which must now be put back.
-        was_softened: Whether gains were lowered.
     """
 
     def __init__(
@@ -106,7 +101,6 @@ class GoalIntegrator:
         self._rate, self._released_s, self._relief = 0.0, -math.inf, 1.0
         self._holds = self._pushed = False
         self._swing = SwingDamper()
-        self.softness, self.stiffens, self.was_softened, self._softens = 1.0, False, False, True
 
     @property
     def error_ticks(self) -> int:
@@ -187,53 +181,28 @@ class GoalIntegrator:
             self._released_s = time_s  # perhaps
         self._track_motion(tick, time_s)
         self._holds = self.arrived
-        if self._pushed and (self._holds or not correcting):
+        if self._pushed and self._holds:
             self._relieve(time_s)
         self._swing.update(tick, time_s, elapsed_s, goal_moves=bool(self._rate))
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
             # The swing has ended: the goal continues from here, so that the torque stays.
             self.goal = self._inside(self.goal + self._along)
             self._swing.rest()
-            self._furthest, self._enough, self._relief = 0, _SWUNG_ENOUGH_TICKS, 1.0
-        speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
-        change = self.softness * self._acceleration * elapsed_s
-        may_stiffen = self.arrived or self.swings or not speed
-        if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
-            lead = self._held_lead((self.goal - self.at) / self.softness)
-            self.goal = self._inside(self.at + lead)
-            self.softness, self.stiffens, self.still_since_s = 1.0, True, time_s
-            speed = 0.0
+            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
+        speed = self._desired_speed(time_s) if correcting else 0.0
+        change = self._acceleration * elapsed_s
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
         self._pushed = self._pushed or self._rate != 0.0
 
-    @property
-    def may_soften(self) -> bool:
-        """Whether lower gains may end a swing: the joint carries hardly anything."""
-        is_usual = self._softens and self.swings and self.softness == 1.0 and not self.stiffens
-        near = self.target is not None and abs(self.goal - self.target) <= _MAX_SOFT_LEAD_TICKS
-        return is_usual and near
-
-    def soften(self, softness: float) -> None:
-        """Adapt the goal to lower gains, so that the servo pulls the joint to its target."""
-        self._softens = softness > 1.0
-        if self._softens and self.target is not None:
-            self.was_softened = True
-            lead = self._held_lead(self.goal - self.target)
-            self.goal, self.softness = self._inside(self.target + softness * lead), softness
-
-    def _held_lead(self, lead: float) -> float:
-        """Estimate the lead at which friction holds the joint, from an observed lead."""
-        return 0.5 * lead + 0.25 * sum(self._stuck)
-
     def _relieve(self, time_s: float) -> None:
         """Move the goal back from where friction has just released the joint, or soon would."""
-        low, high = (self.softness * each for each in self._stuck)
+        low, high = self._stuck
         goal = (self.at if self.target is None else self.target) + 0.5 * (low + high)
+        most, back = 0.5 * (high - low), goal - self.goal
         if not self._unloaded:
-            most = 0.5 * (high - low)
-            beyond = self._side * (self.goal - goal)
-            goal = self.goal - self._side * min(max(beyond, 0.0), most)
-        self.goal = self._inside(self.goal + self._relief * (goal - self.goal))
+            back = -self._side * max(-self._side * back, 0.0)
+        # More could drop a joint that carries what the model does not know.
+        self.goal = self._inside(self.goal + self._relief * min(max(back, -most), most))
         self._released_s, self._pushed = time_s, False
         self._relief *= 0.5  # a load that the model does not know may have moved the joint back
 
@@ -255,8 +224,7 @@ class GoalIntegrator:
     @property
     def _along(self) -> float:
         """Displacement of the goal in phase with a swing; 0 if the joint only needs to rest."""
-        soft = self.target is None or self.softness > 1.0
-        return 0.0 if soft else self._swing.goal_ticks
+        return 0.0 if self.target is None else self._swing.goal_ticks
 
     def _inside(self, goal: float) -> float:
         return min(max(goal, self._low), self._high)
@@ -270,11 +238,11 @@ class GoalIntegrator:
         if self._swing.rests:
             return math.copysign(self._swung_speeds[self._swing.rests - 1], self.error_ticks)
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
-        low, high = (self.softness * each for each in self._stuck)
+        low, high = self._stuck
         lead = self._side * (self.goal - self.at)
         end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
         # At this speed the goal can still stop before friction releases the joint.
-        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0) / self.softness)
+        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
         return math.copysign(max(slowly, while_stuck), self.error_ticks)
 
     def _is_lead_limited(self) -> bool:

@@ -6,9 +6,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 from ikservo.apps.workbench.findings import Finding, failure, ok, warning
+from ikservo.apps.workbench.tried_values import read_former, restore_former, tried_differences
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.servo_config import calibration_registers
-from ikservo.control.servo_gains import read_former, restore_former, tried_differences
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
 from ikservo.guard import alarm_hint
 from ikservo.hardware.bus import ServoBus

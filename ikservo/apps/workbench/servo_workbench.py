@@ -9,10 +9,10 @@ from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from ikservo.apps.workbench.id_and_baud_rate import change_address, check_address_is_free
+from ikservo.apps.workbench.tried_values import forget_if_former
 from ikservo.arguments import parse_port
 from ikservo.arm.opening import backup_owner, open_bus
 from ikservo.arm.stoppable_bus import stoppable
-from ikservo.control.servo_gains import forget_if_former
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import (
     BusError,

@@ -11,7 +11,7 @@ from ikservo.apps.workbench.findings import Severity
 from ikservo.apps.workbench.gain_search import keeping_gains
 from ikservo.apps.workbench.servo_checks import check_servos
 from ikservo.apps.workbench.servo_workbench import ServoLine, plan_writes, write_registers
-from ikservo.control.servo_gains import note_former, restore_former, tried_differences
+from ikservo.apps.workbench.tried_values import note_former, restore_former, tried_differences
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir
 from ikservo.hardware import ServoBus, ServoSpec
