@@ -121,7 +121,7 @@ def test_goal_goes_back_to_middle_of_friction_when_joint_arrives(stuck, lead):
     assert held[-1] - 2000 == pytest.approx(lead, abs=4.0)
 
 
-def test_goal_of_joint_with_unknown_load_goes_back_by_half_the_band():
+def test_goal_under_unknown_load_goes_back_by_half_the_band():
     joint = creep(goal=2000, stuck=(-10.0, 10.0))
     pushed = feed(joint, [1990] * 300)
     assert pushed[-1] - 2000 > 20.0  # a weight that the model does not know
