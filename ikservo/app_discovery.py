@@ -94,9 +94,7 @@ def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
     """
     found = offered_part(name)
     if found is None:
-        raise InputError(
-            f"{name} needs an app that is not installed.", "Reinstall ikservo with all its apps."
-        )
+        raise InputError(f"{name} needs an app that is not installed.", "Reinstall all of ikservo.")
     return found
 
 

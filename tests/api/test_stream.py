@@ -241,7 +241,7 @@ def test_stream_refuses_setpoints_outside_its_block(arm):
         pass
     with pytest.raises(ikservo.RefusedError, match="closed"):
         stream.send({"wrist_roll": 0.1})
-    with pytest.raises(ikservo.RefusedError, match="used before"), stream:
+    with pytest.raises(ikservo.RefusedError, match="already been used"), stream:
         pass
 
 

@@ -210,7 +210,7 @@ class TestErrors:
         readings = bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION)
         with pytest.raises(
             ServoSilentError,
-            match=r"lift \(id 2\), elbow \(id 3\)(.|\n)*, 1 answers: .* from pan to lift",
+            match=r"lift \(id 2\), elbow \(id 3\)(.|\n)*; 1 answers. .* from pan to lift",
         ):
             readings.require_all()
 

@@ -197,7 +197,7 @@ def test_solve_all_refuses_arrays_of_wrong_shape(way, argument, shape):
     new = np.zeros(shape)
     common = tuple(slice(min(a, b)) for a, b in zip(shape, old.shape, strict=True))
     new[common] = old[common]
-    with pytest.raises(ValueError, match="fit"):
+    with pytest.raises(ValueError, match="match"):
         run(*call.arguments(**{argument: new}))
 
 
@@ -209,7 +209,7 @@ def test_packed_arm_with_index_out_of_range_is_refused(row, column, value):
     call = Search("so101", TargetKind.POSITION, 1, 1)
     arm = call.arm.copy()
     arm[row, column] = value
-    with pytest.raises(ValueError, match="fit"):
+    with pytest.raises(ValueError, match="match"):
         search.solve_all(*call.arguments(arm=arm))
 
 

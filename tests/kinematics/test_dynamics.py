@@ -308,7 +308,7 @@ def test_rates_with_another_shape_than_q_are_refused(column):
     what = ("q", "qd", "qdd")[column]
     with pytest.raises(BadValueError) as refusal:
         dynamics_of("so101").inverse_dynamics(*motion)
-    assert str(refusal.value) == f"{what} is of shape (3, 5).\nExpected shape (5,), as q."
+    assert str(refusal.value) == f"{what} is of shape (3, 5).\nExpected shape (5,), like q."
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def test_mesh_outside_folder_has_no_path(urdf_path: Path, urdf_text: str, filena
 def test_mesh_outside_folder_gives_warning(urdf_path: Path, urdf_text: str) -> None:
     urdf = read_with_mesh(urdf_path, urdf_text, "../base.stl")
     assert urdf.warnings == (
-        'meshes outside the model\'s folder cannot be used: 1, first "../base.stl"',
+        'meshes outside the model\'s folder cannot be used: 1 in all, the first is "../base.stl"',
     )
 
 

@@ -163,7 +163,7 @@ static PyObject *call(PyObject *self, PyObject *const *given, Py_ssize_t count) 
     fits = entry->enter(arguments, &out);
     Py_END_ALLOW_THREADS
     if (fits) return returned(entry, &out);
-    return PyErr_Format(PyExc_ValueError, "%s: the arrays do not fit together", entry->name);
+    return PyErr_Format(PyExc_ValueError, "%s: the shapes of the arrays do not match", entry->name);
 }
 
 static void forget(PyObject *capsule) {

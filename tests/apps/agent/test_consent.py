@@ -152,7 +152,7 @@ def test_terminal_asks_for_each_plan_and_ends_with_server(open_session, monkeypa
 def test_consent_mode_nothing_refuses_motions_without_asking(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         plan = session.plan(move_to={"position_m": NEAR})
-        assert "allows no motion" in session.call("execute", plan_id=plan)
+        assert "does not allow any motion" in session.call("execute", plan_id=plan)
         assert session.agent.plans.asked() == []
         assert not session.has_moved
 
@@ -214,7 +214,7 @@ def test_motion_after_the_allowed_minutes_is_refused(open_session):
         offered = session.agent.plans.find(plan)
         offered.answer, offered.answered_by = Answer.YES, "--allow slow"  # just before the end
         time.sleep(0.1)
-        assert "need no approval is over" in session.call("execute", plan_id=plan)
+        assert "need no approval has ended" in session.call("execute", plan_id=plan)
         later = session.call("plan", motion={"wait": {"duration_s": 0.1}})
         assert later["needs_consent"]
 

@@ -147,7 +147,7 @@ def test_arm_brakes_when_the_agent_stalls(start):
 def test_agent_moves_nothing_by_default(start):
     server = start()
     plan = server.call("plan", motion=FAR)["structuredContent"]["plan_id"]
-    assert "allows no motion" in server.call("execute", plan_id=plan)["content"][0]["text"]
+    assert "does not allow any motion" in server.call("execute", plan_id=plan)["content"][0]["text"]
 
 
 def test_damaged_messages_do_not_end_the_server(start):

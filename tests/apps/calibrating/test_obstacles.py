@@ -110,4 +110,6 @@ def test_range_outside_arm_file_is_reported_with_both_ranges():
     (messages,) = [
         each for each in messages_of(hand.state) if "the sign or the pose is wrong" in each
     ]
-    assert messages.startswith("elbow: swept -247.2° to -45.1°, arm file -85.9° to 85.9°;")
+    assert messages.startswith(
+        "elbow was swept from -247.2° to -45.1°, but the arm file says -85.9° to 85.9°;"
+    )

@@ -32,7 +32,7 @@ def test_click_on_tip_sets_zero_of_last_joint_and_is_undone(tmp_path, monkeypatc
     assert path.read_text() == before
     done = run_cli(f"{words} {u},{v} --at {u},{v}")
     assert "joint4 is +2." in done.out
-    assert "by 2 of 2 clicks; standard error" in done.out
+    assert "according to 2 of 2 clicks; standard error" in done.out
     assert "More clicks improve the result. Move joint" in done.err
     done = run_cli(f"{words} {u},{v} --json")
     assert (done.json["clicks"], done.json["counted"]) == (3, 3)

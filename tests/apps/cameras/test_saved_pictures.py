@@ -79,7 +79,7 @@ def test_folder_without_index_or_extra_options_are_refused(tmp_path, run_cli):
     missing = run_cli(f"{REPEAT} {tmp_path}")
     assert (missing.code, "pictures.toml" in missing.err) == (2, True)
     assert "Leave those out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
-    assert "moves nothing" in run_cli(f"{REPEAT} {tmp_path} --touch").err
+    assert "does not move the arm" in run_cli(f"{REPEAT} {tmp_path} --touch").err
 
 
 @pytest.mark.campaign

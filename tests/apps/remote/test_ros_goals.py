@@ -100,7 +100,7 @@ def test_unusable_trajectory_is_refused_with_reason(message, found):
         goal(message)
 
 
-@pytest.mark.parametrize(("age_s", "found"), [(0.5, "old"), (-5.0, "ahead")])
+@pytest.mark.parametrize(("age_s", "found"), [(0.5, "old"), (-5.0, "in the future")])
 def test_message_with_old_or_future_time_is_refused(age_s, found):
     check_age(stamp(1000.0), 1000.2)
     check_age(stamp(0.0), 1000.0)

@@ -80,7 +80,7 @@ MISTAKES = {
     'gripper = "shut"': 'step 2, gripper: is "shut"; expected open, close, or a width in metres',
     'pos = "home"': "step 2, pos: is not a known key; expected pose",
     "tip_m = [0.2, 0.0]": "step 2, tip_m[2]: is missing; expected [x, y, z] in metres",
-    'pose = "home"\nwait_s = 1': "step 2: has pose and wait_s",
+    'pose = "home"\nwait_s = 1': "step 2: needs one action, but has pose and wait_s",
     "wait_s = 1\ngrid = { rows = 31, columns = 1 }": "step 2, grid.rows: is 31; "
     "expected rows and columns from 1 to 30",
     'only_if = "seen"\nwait_s = 1': 'step 2, only_if: is "seen"; expected grasped or not grasped',
