@@ -114,6 +114,22 @@ def test_pick_that_finds_nothing_reports_it_and_opens_jaws(so101):
         so101.place((0.24, -0.05, 0.0175))
 
 
+def test_carried_cube_stays_where_the_jaws_hold_it():
+    pytest.importorskip("mujoco")
+    with ikservo.open_arm("koch", "sim:?pose=home&physics=1&cubes=red@0.16,0.04") as arm:
+        world = line_of(arm).world
+
+        def cube_at_tip_m():
+            T = world.tip.pose([joint.position for joint in world.joints])
+            return (np.linalg.inv(T) @ world.cube_poses()[0])[:3, 3]
+
+        arm.pick((0.16, 0.04, 0.0175), size_m=CUBE)
+        held_m = cube_at_tip_m()
+        for pan_rad in (-0.6, 0.6):
+            arm.move_joints({"shoulder_pan": pan_rad}, speed="slow")
+        np.testing.assert_allclose(cube_at_tip_m(), held_m, atol=0.0005)
+
+
 def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
     start = so101.where().positions_rad
     steps, whole = Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(so101.context, start)
