@@ -37,7 +37,7 @@ from ikservo.model.scene_file import KeepOutShape
 from ikservo.model.tool import tool_frame
 from ikservo.motion import ConcatenatedTrajectory, JointMove, Trajectory, TrajectoryPoint
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motion_plan import MotionPlan, has_moved
 from ikservo.planning.motions import MotionValue, MoveGripper, MoveLine, MoveTo, Speed
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
@@ -272,9 +272,16 @@ def _grip_of(arm: ArmParts) -> Grip:
 
 
 def _plan_now(motion: Pick | Place, arm: ArmParts) -> Steps:
-    """Plan all steps from where the arm holds; the first one may have to be slow."""
-    slow_first = replace(motion, speed=arm.runner.allowed_speed(motion.speed))
-    return slow_first.plan(arm.context, arm.runner.start_position(), _grip_of(arm))[0]
+    """Plan all steps from where the arm holds, also if it sinks before its torque is on."""
+    context, runner = arm.context, arm.runner
+    slow_first = replace(motion, speed=runner.allowed_speed(motion.speed))
+    steps, whole = slow_first.plan(context, runner.start_position(), _grip_of(arm))
+    if not context.servos.torque.is_on:
+        with runner.undisturbed():
+            runner.enable()
+        if has_moved(whole, runner.start_position(), context.planner.motion_limits("slow")):
+            return _plan_now(motion, arm)
+    return steps
 
 
 def _run(arm: ArmParts, steps: Steps, on_progress: OnProgress | None) -> GraspResult:
