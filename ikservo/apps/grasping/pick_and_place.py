@@ -127,7 +127,8 @@ class Pick(OwnMotion[GraspResult]):
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
         most_m, (length_m, width_m, height_m) = planner.jaws.most_m, self.size_m
-        raises_m = [each for each in _RAISES_M if each <= max(height_m / 2.0 - _TOP_M, 0.0)]
+        most_raise_m = min(max(height_m / 2.0 - _TOP_M, 0.0), _RAISES_M[-1])
+        raises_m = [*(each for each in _RAISES_M if each < most_raise_m), most_raise_m]
         across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
         # Jaws that cannot be turned to a thing turn the thing.
         sides = [*sorted(across), (math.hypot(length_m, width_m), None)]

@@ -9,7 +9,7 @@ import pytest
 import ikservo
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.pictures import Intrinsics
-from ikservo.apps.grasping import jaws
+from ikservo.apps.grasping import jaws, pick_and_place
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.apps.grasping.pick_and_place import Pick, Place, pick_box
 from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError, UnreachableError
@@ -141,6 +141,18 @@ def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
     np.testing.assert_allclose(whole.start, start)
     np.testing.assert_allclose(whole.trajectory.state(whole.duration_s).position, whole.goal)
     assert not any(servo.read("torque_enable") for servo in line_of(so101).servos.values())
+
+
+@pytest.mark.parametrize(("height_m", "most_m"), [(0.004, 0.0), (0.035, 0.0135), (0.1, 0.015)])
+def test_jaws_grip_a_thing_as_high_as_they_still_hold_it(so101, monkeypatch, height_m, most_m):
+    tried = []
+    monkeypatch.setattr(
+        pick_and_place._GraspPlanner, "plan", lambda _, middle, raises, *rest: tried.extend(raises)
+    )
+    size_m, start = (0.03, 0.03, height_m), so101.where().positions_rad
+    Pick((0.24, 0.05, 0.0175), size_m=size_m).plan(so101.context, start)
+    assert tried == sorted(set(tried))
+    assert tried[-1] == pytest.approx(most_m)
 
 
 def test_cube_is_between_the_jaws_in_the_planned_grasp(so101):
