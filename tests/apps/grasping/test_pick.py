@@ -155,6 +155,16 @@ def test_jaws_grip_a_thing_as_high_as_they_still_hold_it(so101, monkeypatch, hei
     assert tried[-1] == pytest.approx(most_m)
 
 
+@pytest.mark.parametrize(
+    ("name", "x_m", "y_m", "most_m"), [("koch", 0.16, 0.04, 0.002), ("wx250s", 0.24, 0.05, 0.0135)]
+)
+def test_planned_grip_is_as_low_as_the_table_allows(name, x_m, y_m, most_m):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        start = arm.where().positions_rad
+        steps, _ = Pick((x_m, y_m, 0.0175), size_m=CUBE).plan(arm.context, start)
+        assert steps[2].motion.position_m[2] - 0.0175 < most_m
+
+
 def test_cube_is_between_the_jaws_in_the_planned_grasp(so101):
     middle_m = np.array([0.24, 0.05, 0.0175])
     start = so101.where().positions_rad
