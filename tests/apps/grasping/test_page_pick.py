@@ -116,6 +116,14 @@ def test_next_plan_begins_where_joints_rest_after_a_motion(session):
     assert np.abs(off_rad).max() < 0.01
 
 
+def test_joint_that_moves_in_its_backlash_does_not_withdraw_an_offer(session):
+    servos = session.arm.context.servos
+    servos.set_reference(servos.reference() + 0.015)  # Go finds the joints where they are
+    session.look()
+    session.go(session.offered(CUBE))
+    assert session.holds, session.texts
+
+
 def test_grasp_that_found_nothing_says_so_and_moves_on(session):
     number = session.offered(CUBE)
     data = session.arm.context.port.transport.line.world._mover._data
