@@ -30,7 +30,9 @@ from ikservo.registers import MODELS, Family
 def inconsistencies(calibration: Calibration) -> Iterator[ValidationIssue]:
     """Yield each contradiction between values, in the order of the file."""
     if calibration.written.tzinfo is None:
-        yield ValidationIssue(("written",), "has no offset", "a time such as 2026-11-02T14:03:22Z")
+        yield ValidationIssue(
+            ("written",), "has no UTC offset", "a time such as 2026-11-02T14:03:22Z"
+        )
     yield from _check_geometry(calibration)
     names = [joint.name for joint in calibration.joints]
     for i, name in enumerate(names):
@@ -56,7 +58,7 @@ def _check_geometry(calibration: Calibration) -> Iterator[ValidationIssue]:
         return
     if geometry.touched.tzinfo is None:
         expected = "a time such as 2026-11-02T14:03:22Z"
-        yield ValidationIssue(("geometry", "touched"), "has no offset", expected)
+        yield ValidationIssue(("geometry", "touched"), "has no UTC offset", expected)
     names = [origin.joint for origin in geometry.origins]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -73,7 +75,7 @@ def _check_servo(where: Location, servo: CalibratedServo, family: str) -> Iterat
     for name, number in servo.holds.items():
         if name not in table.registers:
             yield ValidationIssue(
-                (*where, "holds", name), "is not a register", f"one of {table.model_name}"
+                (*where, "holds", name), "is not a register", f"a register of {table.model_name}"
             )
         elif not table.registers[name].range[0] <= number <= table.registers[name].range[1]:
             low, high = table.registers[name].range
@@ -112,7 +114,9 @@ def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[Validation
     swept = joint.recorded_range()
     if (swept is None) != (joint.swept == "not swept"):
         yield ValidationIssue(
-            (*where, "swept"), f"is {quote(joint.swept)}", "both limits, or neither"
+            (*where, "swept"),
+            f"is {quote(joint.swept)}",
+            "both limits if swept, otherwise no limits",
         )
     elif swept and not swept[0] < swept[1]:
         yield ValidationIssue(
@@ -123,7 +127,7 @@ def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[Validation
 FORMAT = 1
 _HEADER = """\
 # The calibration of one arm, written by ikservo. It belongs to this arm's own servos, and every
-# change must go through `ikservo calibrate`: the checksum above guards each byte below.
+# change must go through `ikservo calibrate`: the checksum above covers every byte below.
 """
 
 
@@ -132,10 +136,10 @@ def dump_calibration(calibration: Calibration) -> str:
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
-    for joint in tables["joints"]:  # a rigid joint keeps the format of old files
+    for joint in tables["joints"]:  # for a rigid joint, the format of old files is kept
         for name in [name for name in ("compliance", "play_deg") if joint[name] == 0.0]:
             del joint[name]
-    if not tables["cameras"]:  # keeps the format of old files
+    if not tables["cameras"]:  # then the format of old files is kept
         del tables["cameras"]
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
@@ -167,7 +171,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
 
 
 def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
-    """Convert tables for the TOML writer: tuples become lists, and empty tuples are left out."""
+    """Convert tables for the TOML writer: tuples become lists; empty tuples are left out."""
     if isinstance(value, Mapping):
         rows = cast("Mapping[str, Any]", value)
         return {key: _plain_tables(item) for key, item in rows.items() if item != ()}
@@ -231,10 +235,10 @@ def restore_calibration(path: Path) -> Calibration:
 
 
 def replace_calibration(path: Path, text: str) -> None:
-    """Write the file; a sound previous one is kept as .bak, a damaged one as .damaged.
+    """Write the file; a valid previous file is kept as .bak, a damaged one as .damaged.
 
     Raises:
-        FileWriteError: The file cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous file is unchanged.
     """
     with exclusive_access(path):
         write_atomic(path, text, keep_old=path.exists() and not _keep_damaged(path))
@@ -252,11 +256,11 @@ def _keep_damaged(path: Path) -> bool:
 
 
 def undo_calibration(path: Path) -> Calibration:
-    """Exchange the present calibration of an arm with the previous one.
+    """Exchange the present calibration of an arm with the previous calibration.
 
     Raises:
         FileFormatError: There is no previous calibration, or one of the two is damaged.
-        InputError: Registers in the servos differ between the two, and a file cannot restore them.
+        InputError: Servo registers differ between the calibrations, and a file cannot restore them.
         FileWriteError: The files cannot be written.
     """
     backup = backup_path(path)
@@ -267,7 +271,7 @@ def undo_calibration(path: Path) -> Calibration:
         ]
         if held[0] != held[1]:
             raise InputError(
-                f"{backup} was made with other register values than now.",
+                f"The register values have changed since {backup} was made.",
                 f"Write this file's values into the servos: ikservo calibration push {now.arm}",
             )
         write_atomic(path, dump_calibration(before), keep_old=True)
@@ -275,10 +279,10 @@ def undo_calibration(path: Path) -> Calibration:
 
 
 def save_calibration(calibration: Calibration) -> Path:
-    """Write a calibration to its file; the previous one is kept as a backup.
+    """Write a calibration to its file; the previous file is kept as a backup.
 
     Raises:
-        FileWriteError: The file cannot be written; the previous one is unchanged.
+        FileWriteError: The file cannot be written; the previous file is unchanged.
     """
     path = calibration_path(calibration.arm, calibration.usb_serial_number)
     replace_calibration(path, dump_calibration(calibration))

@@ -7,8 +7,9 @@ reports is
 - Feetech STS: ``present = (bare - offset) mod 4096`` with ``|offset| <= 2047``, so the offset
   moves the wrap-around outside the joint's travel;
 - Dynamixel in position mode: ``present = bare + offset`` with ``|offset| <= 1024`` in force,
-  which shifts the count but leaves the wrap-around at bare tick 0. A travel across it requires
-  the extended (multi-turn) mode; the revolution is then determined again at each opening.
+  which shifts the count but leaves the wrap-around at bare tick 0. Travel across the wrap-around
+  requires the extended (multi-turn) mode; the revolution is then determined again whenever the
+  arm is opened.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
 MAX_STS_OFFSET = 2047  # sign and 11 bits
-MAX_X_OFFSET = 1024  # more is ignored in position mode (e-manual, Homing Offset(20))
-_MIN_CLEARANCE = 64  # preferred distance of wrap-around and travel, ticks
+MAX_X_OFFSET = 1024  # larger offsets are ignored in position mode (e-manual, Homing Offset(20))
+_MIN_CLEARANCE = 64  # preferred distance between wrap-around and travel, ticks
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,23 +69,17 @@ def choose_homing(
     *,
     counts_on: bool = False,
 ) -> Homing:
-    """Choose the homing settings for a travel; the present ones are kept if they suffice.
+    """Choose the homing settings for a joint's travel; keep the present ones if they suffice.
 
-    Args:
-        joint: The joint name, for messages.
-        family: The servo's protocol family.
-        travel: The travel in bare ticks, unwrapped.
-        offset: The homing offset that the servo holds now.
-        encoder: The sensor of the servo.
-        counts_on: Whether a Dynamixel is already in a multi-turn mode.
+    The travel is in bare ticks, unwrapped. ``counts_on``: a Dynamixel is in a multi-turn mode.
 
     Raises:
         CalibrationError: The travel is a revolution or more, or crosses a wrap-around that cannot
             be moved.
     """
-    if travel.width > encoder.ticks - 2:  # a tick is needed to distinguish the ends
+    if travel.width > encoder.ticks - 2:  # a tick must separate the ends of the travel
         raise CalibrationError(
-            f"{joint}: travel of {travel.width} ticks, more than one turn ({encoder.ticks}).",
+            f"{joint}: its travel of {travel.width} ticks is more than one turn ({encoder.ticks}).",
             f"Is a horn loose? For a joint without end stops: --continuous {joint}",
         )
     if not encoder.wraps:
@@ -104,7 +99,7 @@ def _choose_sts_homing(travel: TickRange, offset: int, ticks_per_turn: int) -> H
     highest = ticks_per_turn - 1 - travel.width - clear
     if abs(offset) > MAX_STS_OFFSET or not clear <= low <= highest:
         centred = wrapped_difference(0, travel.low - margin, ticks_per_turn)
-        # -2048 and 2048 are equivalent, and neither is possible: use a tick next to them.
+        # The offsets -2048 and 2048 are equivalent, and neither is possible: use a tick less.
         offset = MAX_STS_OFFSET if centred < -MAX_STS_OFFSET else centred
         low = (travel.low - offset) % ticks_per_turn
     return Homing(offset, False, travel.low - low)

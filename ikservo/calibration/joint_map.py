@@ -158,7 +158,7 @@ class JointMap:
 
     @property
     def gear(self) -> float:
-        """Turns of the horn per turn of a revolute joint; 1 for a prismatic one."""
+        """Turns of the horn per turn of a revolute joint; 1 for a prismatic joint."""
         return self.horn_rad_per_tick / self.unit_per_tick if self.unit == "rad" else 1.0
 
     def position(self, tick: float) -> float:
@@ -220,12 +220,7 @@ _POTENTIOMETER = 1024  # AX and SCS: 300° (200° on the SCS15)
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """A position sensor.
-
-    Attributes:
-        ticks: The number of ticks; they are numbered from 0.
-        ticks_per_turn: Ticks per full revolution of the horn.
-    """
+    """A position sensor: its ticks, numbered from 0, and ticks per revolution of the horn."""
 
     ticks: int
     ticks_per_turn: float
@@ -251,7 +246,7 @@ def wrapped_difference(start: int, end: int, ticks_per_turn: int) -> int:
 
 
 def unwrap(last: int, reading: int, ticks_per_turn: int) -> int:
-    """Compute a reading unwrapped relative to the last one, over any number of revolutions."""
+    """Unwrap a reading relative to the last reading, over any number of revolutions."""
     return last + wrapped_difference(last, reading, ticks_per_turn)
 
 

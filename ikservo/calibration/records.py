@@ -34,7 +34,7 @@ Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
 Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
-# Larger corrections indicate another arm, because no tolerance is so large.
+# Larger corrections indicate another arm, because no manufacturing tolerance is so large.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
 Rotation = Annotated[float, Field(ge=-20.0, le=20.0)]
 _MOVE, _ROTATION = "[x, y, z] in mm, each at most ±50", "[x, y, z] in degrees, each at most ±20"
@@ -75,7 +75,9 @@ class CalibratedJoint(StrictModel):
     compliance: float = Field(
         default=0.0, ge=0.0, le=1.0, description="rad per N m behind the encoder, 0 to 1"
     )
-    play_deg: float = Field(default=0.0, ge=0.0, le=5.0, description="degrees behind the encoder")
+    play_deg: float = Field(
+        default=0.0, ge=0.0, le=5.0, description="degrees of backlash behind the encoder"
+    )
     servo: CalibratedServo = Field(description="a table [joints.servo]")
     shadows: tuple[CalibratedServo, ...] = Field(
         default=(), strict=False, description="tables [[joints.shadows]]"
@@ -145,7 +147,7 @@ class TipClick(StrictModel):
 
 
 _Pixels = Annotated[int, Field(ge=1, le=100_000)]
-_FocalLength = Annotated[float, Field(gt=0)]  # a negative one would mirror each click
+_FocalLength = Annotated[float, Field(gt=0)]  # a negative value would mirror each click
 
 
 class CalibratedCamera(StrictModel):
@@ -172,7 +174,7 @@ class CalibratedCamera(StrictModel):
     )
     board: SeenBoard | None = Field(default=None, description="a table [camera.board]")
     tip_shows: Name | None = Field(
-        default=None, description="a joint whose zero only the tip shows, not the board"
+        default=None, description="a joint whose zero can be seen only at the tip, not on the board"
     )
     tip_clicks: tuple[TipClick, ...] = Field(
         default=(), strict=False, description="tables [[camera.tip_clicks]]"
@@ -288,7 +290,7 @@ def shift_zeros(
 ) -> tuple[CalibratedJoint, ...]:
     """Return joints with positions increased by ``zeros`` (dof,), except joints without a map.
 
-    The end stops do not move, nor do the user's limits, which are positions in the geometry.
+    End stops stay where they are, and so do the user's limits, which are positions in the geometry.
     """
     shifts = {m.joint: (m, float(zero)) for m, zero in zip(maps, zeros, strict=True)}
     shifted = list(joints)

@@ -26,7 +26,7 @@ _ROLES = (
     RegisterName.MAX_POSITION_LIMIT,
 )
 _NAMES = {Family.FEETECH_STS: "phase", Family.DYNAMIXEL_2: "drive_mode"}
-# Bits that reverse or shift the count; the other bits of these registers are for tuning.
+# Bits that reverse or shift the tick count; the other bits of these registers are for tuning.
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
 MULTI_TURN_BIT = 0b0001_0000  # a bit of phase: a multi-turn STS loses its count without power
@@ -113,19 +113,16 @@ def expected_registers(
 ) -> dict[str, int]:
     """Compute the expected registers of a servo.
 
-    Args:
-        config: The present configuration of the servo; values are kept if possible.
-        offset: The homing offset.
-        limits: Position limits, raw; None keeps the present ones if they still correspond to the
-            same positions, and otherwise opens them.
-        extended: Whether the servo must count beyond one revolution.
+    Values of ``config`` are kept if possible. If no limits are given, the present limits are kept
+    if they still correspond to the same positions, and opened otherwise. An ``extended`` servo must
+    count several turns.
     """
     held = dict(config.registers)
     if config.table.family is Family.FEETECH_STS:
         held["operating_mode"] = FeetechMode.POSITION
         held["phase"] &= ~MULTI_TURN_BIT
     elif "drive_mode" in held and held["operating_mode"] != CURRENT_POSITION:
-        # A gripper that yields keeps its mode, which counts like the extended mode.
+        # A compliant gripper keeps its mode, which counts like the extended mode.
         held["operating_mode"] = EXTENDED if extended else OperatingMode.POSITION
     if "homing_offset" in held:
         held["homing_offset"] = offset
@@ -144,12 +141,7 @@ def expected_registers(
 class RegisterMismatch:
     """A register that differs from its value when the arm was calibrated.
 
-    Attributes:
-        joint: The servo's joint.
-        servo_id: The servo id.
-        register: The name of the register; ``model`` for the servo itself.
-        expected: The value in the file.
-        found: The value in the servo.
+    The name ``model`` stands for the servo itself.
     """
 
     joint: str
@@ -172,7 +164,7 @@ def register_mismatches(
     for joint in calibration.joints:
         for servo in joint.servos:
             if servo.id not in config:
-                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not of this arm")
+                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "absent")
             else:
                 yield from _servo_mismatches(joint.name, servo, config[servo.id])
 

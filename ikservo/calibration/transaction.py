@@ -1,8 +1,8 @@
 """Write a calibration to servos and file as one journaled transaction, all or nothing.
 
 The journal is on disk before the first servo is written, and is removed after the file is written.
-It contains both states, so that a later run can find out from the servos which were written, and
-finish or undo the transaction.
+It contains the old and the new numbers, so that a later run can find out which servos were written,
+and finish or undo the transaction.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Journal(StrictModel):
         old_text: The old content of the file; empty if there was none.
         new_text: The new content of the file.
         changes: The changes by servo, in the order of writing.
-        temporary: Whether the new numbers only serve a search for end stops, and are never kept.
+        temporary: Whether the new numbers only serve a search for end stops, and are then undone.
     """
 
     format: Literal[1] = Field(description="1")
@@ -121,18 +121,12 @@ def commit(
     *,
     temporary: bool = False,
 ) -> None:
-    """Write servos and file in one transaction; after a failure both are restored.
+    """Write servos and file in one transaction; after a failure, restore both.
 
-    If this transaction fails, the changes of an earlier temporary one are undone too.
+    If this transaction fails, the changes of an earlier temporary transaction are undone, too.
 
-    Args:
-        bus: The servos, torque off.
-        journal_path: The journal during the transaction.
-        path: The calibration file.
-        text: The new content of the file; empty for no file; ignored if temporary.
-        changes: The new registers of the servos.
-        temporary: Whether the changes only serve a search for end stops. The journal then stays
-            until ``roll_back`` or the next ``commit``.
+    An empty text means no file. A ``temporary`` transaction only serves a search for end stops: the
+    text is ignored, and the journal stays until ``roll_back`` or the next ``commit``.
 
     Raises:
         CalibrationError: Writing failed and could not be undone; the message says how to continue.
@@ -150,12 +144,12 @@ def commit(
     try:
         write_atomic(journal_path, dump_journal(journal))
         _write_servos(bus, journal)
-    except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
+    except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # also after SIGTERM
         try:
             _restore_servos(bus, journal)
         except IkservoError:
             raise _unfinished_error() from error
-        with contextlib.suppress(FileWriteError):  # a remaining journal contains no changes
+        with contextlib.suppress(FileWriteError):  # a journal that stays contains no changes
             remove_durably(journal_path)
         raise
     if not temporary:
@@ -189,21 +183,22 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
 
 
 def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
-    """Recover an interrupted transaction if that needs no write to a servo.
+    """Complete or undo an interrupted transaction if that is safe without asking the user.
 
-    A temporary transaction is undone if the torque of its servos is off.
+    If all servos or no servos were changed, only the file is written. A temporary transaction is
+    undone if the torque of its servos is off.
 
     Args:
         bus: The servos.
         journal_path: The journal.
-        calibrating: Whether the caller calibrates the arm and itself undoes what remains.
+        calibrating: Whether the caller calibrates the arm, and undoes the remaining changes itself.
 
     Returns:
         Text for the user about what was done; empty if there was nothing to do.
 
     Raises:
-        CalibrationError: Only some servos are changed, or servos with torque are changed for a
-            search; the message says how to continue.
+        CalibrationError: Only some of the servos were changed, or a search for end stops has
+            changed servos whose torque is on; the message says how to continue.
     """
     journal = _find_interrupted(bus, journal_path)
     if journal is None:
@@ -218,10 +213,10 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
         if lock and bus.read(change.id, lock, raw=True) == 0:
             bus.write(change.id, lock, 1, raw=True)
     if reached is TransactionProgress.EVERYTHING:
-        _save_file(journal)
+        _write_file(journal, journal.new_text, replace_calibration)
         remove_durably(journal_path)
-        return "An interrupted calibration was complete in the servos; its file has now been saved."
-    _restore_file(journal)
+        return "An interrupted calibration had reached all servos; its file has now been saved."
+    _write_file(journal, journal.old_text, write_atomic)
     remove_durably(journal_path)
     return "An interrupted calibration had not changed anything yet; the previous one is valid."
 
@@ -233,7 +228,7 @@ def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibra
         if calibrating:
             return ""
         raise CalibrationError(
-            "A calibration was interrupted: the servos hold the settings of its search.",
+            "A calibration was interrupted; the servos still have the settings of its search.",
             "Support the arm and undo it: ikservo calibration revert. Or calibrate again: "
             "ikservo calibrate",
         )
@@ -303,17 +298,23 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
 def _write_servos(bus: ServoBus, journal: Journal) -> None:
     for change in journal.changes:
         update_eeprom(bus, change.id, _register_values(bus, change.id, change.new))
-    _save_file(journal)
+    _write_file(journal, journal.new_text, replace_calibration)
 
 
-def _save_file(journal: Journal) -> None:
+def _restore_servos(bus: ServoBus, journal: Journal) -> None:
+    for change in journal.changes:
+        update_eeprom(bus, change.id, _register_values(bus, change.id, change.old))
+    _write_file(journal, journal.old_text, write_atomic)
+
+
+def _write_file(journal: Journal, text: str, write: Callable[[Path, str], None]) -> None:
     path = Path(journal.path)
     if journal.temporary:
         return
-    if not journal.new_text:
+    if not text:
         remove_durably(path)
-    elif _text_of(path) != journal.new_text:
-        replace_calibration(path, journal.new_text)
+    elif _text_of(path) != text:
+        write(path, text)
 
 
 def _text_of(path: Path) -> str:
@@ -323,22 +324,6 @@ def _text_of(path: Path) -> str:
     require_file(path)
     with path.open(encoding="utf-8", errors="replace") as file:
         return file.read(MAX_BYTES)
-
-
-def _restore_servos(bus: ServoBus, journal: Journal) -> None:
-    for change in journal.changes:
-        update_eeprom(bus, change.id, _register_values(bus, change.id, change.old))
-    _restore_file(journal)
-
-
-def _restore_file(journal: Journal) -> None:
-    path = Path(journal.path)
-    if journal.temporary:
-        return
-    if not journal.old_text:
-        remove_durably(path)
-    elif _text_of(path) != journal.old_text:
-        write_atomic(path, journal.old_text)
 
 
 def _unfinished_error() -> CalibrationError:

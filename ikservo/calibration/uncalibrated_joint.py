@@ -20,7 +20,7 @@ class JointUnderCalibration:
         ticks_per_turn: Ticks after which the servo's count wraps around; 0 if it never does.
         expected: The arm file's range.
         pose: The joint position in the reference pose, rad or m.
-        shadow_ids: Servos that drive the joint together with the first one.
+        shadow_ids: Servos that drive the joint together with the first servo.
         known: The travel in bare ticks if it was measured before; it is then not recorded again.
     """
 

@@ -38,7 +38,7 @@ class DriveReader:
                 self._keys[servo_id]["current"] = table.registers["present_current"]
 
     def p_gains(self) -> list[int | None]:
-        """Read the P gain of each joint's first servo; None if it has no such register.
+        """Read the P gain of each joint's first servo; None if the servo has no such register.
 
         Raises:
             BusError: A servo does not answer.
@@ -54,9 +54,10 @@ class DriveReader:
         """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
 
         Duty and current are positive towards larger positions; a current without a measured
-        direction is a magnitude. Values that are not measured are NaN, as are unused rows of joints
-        with fewer servos. Other servos of a joint get the signs of its first servo. Positions are
-        those of the joint, rad or m, from its first servo. Returns None if a reply is missing.
+        direction is a magnitude. Values that are not measured are NaN, like the unused rows of
+        joints with fewer servos. Other servos of a joint get the signs of its first servo.
+        Positions are those of the joint, rad or m, from its first servo. Returns None if a reply is
+        missing.
         """
         readings = self._bus.bulk_read(
             {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}, raw=True

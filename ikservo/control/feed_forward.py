@@ -26,10 +26,10 @@ from ikservo.model.load_lag import lifting_torque_nm
 from ikservo.model.servo_torque import GearFriction
 from ikservo.motion import TrajectoryPoint
 
-# Weight of more than this multiple of the dry friction presses the gears, even though masses and
-# its share at the output are uncertain; twice that certainly does.
+# Weight of more than this multiple of the dry friction presses the gears, although the masses and
+# the output's part of friction are uncertain; twice this weight certainly does.
 _PRESSING = 3.0
-_TINY_NM = 1e-6  # least dry friction, because weights are divided by it
+_TINY_NM = 1e-6  # smallest dry friction that is used, because weights are divided by it
 
 
 class FeedForward:
@@ -40,8 +40,6 @@ class FeedForward:
         columns: The columns of the chain's joints among all joints.
 
     Attributes:
-        parameters: The parameters of the arm.
-        columns: The columns of the chain's joints among all joints.
         dry_lag: Lag of each joint (dof,) behind its goal due to dry friction, rad or m.
     """
 

@@ -15,22 +15,22 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
 # docs/how-control-works.md explains how these numbers were chosen.
-_FADE_S = 0.2  # the offset in force when a motion begins fades to the computed one in this time
+_FADE_S = 0.2  # the offset at the beginning of a motion fades to the computed offset in this time
 _TINY = 1e-9  # speeds below this, in rad/s or m/s, are rounding
-# A horn further off its reference when a motion begins has sagged or was lifted: friction then
-# presses it the other way.
+# A horn that is further from its reference when a motion begins has sagged or was lifted: friction
+# then acts on it in the other direction.
 _SAG_RAD = 0.01
 _MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not jump after a stall
 _DIRECTION_RAD = 0.0005  # at the horn: friction reverses over a multiple of this (Dahl 1968)
-_DIRECTION_S = 0.05  # least time in which friction reverses, because goals must not jump
+_DIRECTION_S = 0.05  # shortest time in which friction reverses, because goals must not jump
 # While the reference of a horn rests, errors up to this many ticks are ignored: stiction would make
 # the joint jump over its target repeatedly.
 _REST_TICKS = 4.5
-_AT_REST_RAD_S = 0.003  # at the horn: width of the transition to a reference that rests
+_AT_REST_RAD_S = 0.003  # at the horn: width of the transition to a resting reference
 _MAX_LOAD_OFFSET_RAD = 0.08  # at the horn: largest change of goals by learned load and friction
-_LOAD_STEP_RAD = 0.001  # at the horn: step of the load for the slope of the feed-forward
-_SLOPE_RANGE = (0.3, 3.0)  # ratio: the firmware's start-up force makes the slope flat around zero
-_INERTIA_PERIOD_S = 0.1  # time after which gains follow the posture: the mass matrix costs time
+_LOAD_STEP_RAD = 0.001  # at the horn: step of the load that gives the feed-forward's slope
+_SLOPE_RANGE = (0.3, 3.0)  # limits of this slope, which the firmware's start-up force flattens
+_INERTIA_PERIOD_S = 0.1  # between updates of the gains: the mass matrix costs time
 # Multiples of the dry friction: a joint that carries less than the first may rest anywhere in its
 # backlash; a joint that presses by more than the second has crossed its backlash.
 _UNLOADED = 1.0
@@ -107,12 +107,8 @@ class GoalCompensator:
     ) -> None:
         """Begin a motion at a reference (n,) that the servos hold with the given goals (n,).
 
-        Args:
-            reference: The reference of the joints.
-            goals: The goals that the servos hold.
-            cycle_time_s: Time for which a goal is held until the next one; None keeps the previous
-                one.
-            measured: The measured positions; None uses the reference.
+        Each goal is held for ``cycle_time_s`` (None keeps the previous time). Without measured
+        positions, the reference is used.
         """
         self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
         self._reference_range, self._goal_range = (
@@ -140,12 +136,7 @@ class GoalCompensator:
         """Press rotors against the driving flanks; return whether the motion may begin.
 
         The caller repeats this in each cycle until it returns True, and sends goals for the start
-        in between.
-
-        Args:
-            ahead: The first displacement of the reference (n,), rad or m.
-            measured: The joints (n,).
-            elapsed_s: Time since the last cycle.
+        in between. ``ahead`` is the first displacement of the reference (n,), rad or m.
         """
         if self._preload is None:
             sides = np.zeros_like(ahead)
@@ -154,7 +145,7 @@ class GoalCompensator:
                 columns = list(self.feed_forward.columns)
                 weight[columns] = self.feed_forward.weight(self._last.position)
                 moves = np.where(np.abs(ahead) > 0.1 * self._tick, np.sign(ahead), 0.0)
-                # Weight does not press these joints on their driving flanks.
+                # These are the joints that weight does not press on their driving flanks.
                 unloaded = (weight < _UNLOADED) & (moves * self._direction < _PUSHED)
                 sides = np.where(unloaded, moves, 0.0)
             self._preload = Preload(sides, measured, self._per_horn_rad, self._tick)
@@ -164,11 +155,7 @@ class GoalCompensator:
         return direction is None
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
-        """Compute the lowest and highest offsets (n,) at which friction keeps joints at rest.
-
-        Args:
-            positions: The measured positions (n,), rad or m.
-        """
+        """Compute the limits (n,) of the offsets at which friction keeps joints (n,) at rest."""
         at_rest = TrajectoryPoint.at_rest(positions)
         low, high = (self._modelled(at_rest, side) for side in (-1.0, 1.0))
         return low, high
@@ -201,7 +188,7 @@ class GoalCompensator:
         self._adapted_s += elapsed_s
         if self._adapted_s >= _INERTIA_PERIOD_S:
             self._adapt_gains(point.position)
-        # A joint that stays at rest keeps the offset that friction allows there.
+        # A joint that stays at rest keeps its offset, as far as friction allows.
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
         rows = self._feed_forwards(self._last, self._direction)
@@ -235,7 +222,7 @@ class GoalCompensator:
             grow: Rate at which feedback may move goals (n,) further away, 0 to 1; 0 for goals that
                 were cut or are at a limit.
         """
-        if self._waits:  # errors before the motion begins are not learned
+        if self._waits:  # the feedback does not learn from errors before the motion begins
             return
         last = self._last
         error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
@@ -289,7 +276,7 @@ class GoalCompensator:
         return self.feed_forward.offsets(point, directions, self._held_s, loads)
 
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
-        """Return goals inside the limits, or no further outside than before in this motion.
+        """Return goals inside the limits, or no further outside than earlier in this motion.
 
         A reference that leaves the limits is not clamped, so that the guard refuses it.
         """

@@ -8,14 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import (
+from ikservo.control.joint_reading import (
     JointState,
     load_percent,
     read_alarm_names,
     read_register,
     read_registers,
 )
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 from ikservo.guard import HealthMonitor, OverloadMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus
@@ -23,9 +23,9 @@ from ikservo.hardware.register_batches import contiguous_runs
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 
-# Time between two reads; if cycles are shorter, not every cycle has a read.
+# Time between two reads of telemetry; if cycles are shorter, not every cycle has a read.
 _PERIOD_S = 0.008
-# Longest time of a cycle that ages telemetry: a delayed program could not read anything.
+# A cycle ages telemetry by at most this time, because a delayed program could not read anything.
 _MAX_AGE_S = 0.025
 
 _NUMBERS = (
@@ -226,25 +226,20 @@ def read_trip_c(bus: ServoBus, names: Mapping[int, str]) -> dict[str, float]:
     return {name: limits[i].to_value(raw[i]) for i, name in names.items()}
 
 
-_WATCHDOG_DELAY_S = 0.08  # longest time to arm the watchdogs: the first of them trips after 0.1 s
-_ATTEMPTS = 10  # most attempts to arm them within that time
+_WATCHDOG_DELAY_S = 0.08  # longest time to arm all watchdogs: the first watchdog trips after 0.1 s
+_ATTEMPTS = 10  # largest number of attempts to arm them in this time
 
 
 def prepare_servos(
     limits: ServoRamLimits, health_poller: HealthPoller | None, clock: Clock, horn_rad_s: float
 ) -> float:
-    """Set limits, arm watchdogs and read all telemetry; repeat if that took too long.
+    """Set limits, arm watchdogs and read all telemetry; repeat this if it took too long.
 
-    A watchdog that trips in the meantime resets the limits.
-
-    Args:
-        limits: The limits of the servos.
-        health_poller: Reads the telemetry; None before torque was first switched on.
-        clock: The clock of the bus.
-        horn_rad_s: The top speed of the motion.
+    A watchdog that trips in the meantime resets the limits. The poller is None before torque was
+    first switched on.
 
     Returns:
-        The start time of the first cycle, which includes any pause since then.
+        The start time of the first cycle; any pause after this time counts for the cycle.
 
     Raises:
         BusError: A servo does not answer.

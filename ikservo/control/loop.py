@@ -19,18 +19,18 @@ BRAKE_S = 0.25
 
 _MAX_STEP_S = 0.02  # up to this gap a late cycle advances the motion by the elapsed time
 _LATE_S = 0.025  # delay of a cycle that counts as late
-# Largest excess of late cycles over good ones; late cycles alone take 6 s or more. Until then the
-# motion only slows down, because no cycle advances it by more than ``_MAX_STEP_S``.
+# Largest excess of late cycles over good cycles; late cycles alone reach it in 6 s or more. Until
+# then the motion only slows down, because no cycle advances it by more than ``_MAX_STEP_S``.
 _LATE_CYCLES = 250
 
 
 _CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)  # the shortest possible one is used
-_READINGS = 5  # readings that measure the time of the bus
+_READINGS = 5  # number of readings with which the time of the bus is measured
 # The first direction of joints is determined over this time.
 _SOON_S = 0.1
 # The bus is busy for a quarter of each cycle; the rest is for computing and retries.
 _TIME_MARGIN = 4.0
-_MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of the cycle
+_MIN_TIME_MARGIN = 1.25  # cycle of a slow bus, as a multiple of its busy time
 
 
 def measure_cycle_time_s(servos: ServoGroup) -> float:
@@ -59,7 +59,7 @@ class TimeScaler:
     """Converts clock time to the time of a motion.
 
     A motion whose time passes more slowly stays on its path and inside every limit. Motions brake
-    in this way, and also restart in this way after a delay of the program.
+    in this way, and they restart in this way after a delay of the program.
 
     Args:
         cycle_time_s: The nominal time between two goals.
@@ -79,16 +79,9 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Process one control cycle and adapt the rate; return the advance of the motion.
+        """Process one control cycle, adapt the rate, and return the advance of the motion, s.
 
         Called once per cycle, before the lag of the joints is checked.
-
-        Args:
-            elapsed_s: Time since the last cycle, by the clock.
-            braking: Whether a stop was requested.
-
-        Returns:
-            The time by which the motion may advance, seconds.
         """
         is_late = elapsed_s - self._cycle_time_s > _LATE_S
         self._late_count = max(0, self._late_count + (1 if is_late else -1))
@@ -142,7 +135,7 @@ class ControlCycle:
         freeze_arrays(self)
 
 
-# Servos that their watchdogs stopped lag behind; they return to the trajectory in this time.
+# Servos that were stopped by their watchdogs return to the trajectory in this time.
 _RETURN_S = 0.5
 
 
@@ -151,9 +144,6 @@ class SetpointSampler:
 
     After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
     stopped joints back to its position; then it continues.
-
-    Args:
-        trajectory: The joint motion.
 
     Attributes:
         time_s: The time of the trajectory.
@@ -329,7 +319,7 @@ class ControlLoop:
 
 
 def _first_way(trajectory: Trajectory) -> Vector | None:
-    """Compute the first displacement of joints (n,), rad or m; None if it may still change."""
+    """Compute the first displacement of the joints (n,), rad or m; None if it may still change."""
     if math.isinf(trajectory.duration_s):
         return None
     return trajectory.state(_SOON_S).position - trajectory.state(0.0).position

@@ -7,10 +7,10 @@ import numpy as np
 from ikservo.kinematics.arrays import Vector
 
 _LEAD_RAD = 0.002  # at the horn, beyond friction; with 0.003 the rotor throws the link 0.3° ahead
-_LEAD_RAD_S = 0.04  # its rate: inside the backlash the link stays with the rotor when they meet
+_LEAD_RAD_S = 0.04  # rate of this lead, slow enough that the rotor does not throw the link
 _TURN_S = 0.05  # time in which friction reverses, because goals must not jump
-_MOVED_TICKS = 0.9  # a joint that has moved by a tick is pushed
-_MAX_S = 0.2  # longest wait before any motion; 1° of backlash of an STS3215 takes 0.3 s
+_MOVED_TICKS = 0.9  # a joint that has moved by this is already pushed by its rotor
+_MAX_S = 0.2  # longest wait before a motion; 1° of backlash of an STS3215 takes 0.3 s
 
 
 class Preload:
@@ -39,12 +39,9 @@ class Preload:
         self._for_s = 0.0
 
     def update(self, measured: Vector, direction: Vector, elapsed_s: float) -> Vector | None:
-        """Advance one cycle; return the direction of friction (n,), or None when preloaded.
+        """Advance one cycle; return the direction of friction (n,); None once all are preloaded.
 
-        Args:
-            measured: The joints (n,), rad or m.
-            direction: The direction of friction so far (n,), -1 to 1.
-            elapsed_s: Time since the last cycle.
+        Joints (n,) are in rad or m, directions (n,) of friction from -1 to 1.
         """
         self._for_s += elapsed_s
         moved = self._sides * (measured - self._start)

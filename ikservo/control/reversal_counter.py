@@ -12,8 +12,8 @@ class ReversalCounter:
     """Counts reversals of errors in quick succession, which are frequent while a joint swings.
 
     Args:
-        least: Smallest reversal (n,), rad or m; smaller ones are noise and stiction.
-        within_s: Longest time between two reversals; after a longer one, counting starts again.
+        least: Smallest reversal (n,) that counts, rad or m; smaller ones are noise and stiction.
+        within_s: Longest time between two reversals; after a longer time, counting starts again.
 
     Attributes:
         count: Reversals of each joint (n,) in quick succession.
@@ -36,13 +36,7 @@ class ReversalCounter:
     def update(
         self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
     ) -> NDArray[np.bool_]:
-        """Process the errors (n,) of one cycle; return a mask of those that have just reversed.
-
-        Args:
-            error: The error of the joints, rad or m.
-            elapsed_s: Time since the last cycle.
-            fresh: Whether each joint (n,) was read.
-        """
+        """Process errors (n,) of one cycle; return a mask of fresh errors that just reversed."""
         self._since_s = self._since_s + elapsed_s
         beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
         has_reversed = fresh & (beyond < -self._least)

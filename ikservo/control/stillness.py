@@ -20,7 +20,7 @@ class StillnessDetector:
         window_s: Time during which nothing may move.
         tolerance: The largest variation of positions that counts as rest.
         least_readings: Minimum number of readings before rest can be detected.
-        readings: Times and positions within the window, and the last reading before it.
+        readings: Times and positions within the window, and the last reading before the window.
     """
 
     window_s: float = _WINDOW_S
@@ -81,12 +81,7 @@ def read_until_at_rest(
 ) -> StillnessDetector:
     """Read joints (n,) until nothing has moved within the detector's window or time is up.
 
-    Args:
-        detector: The detector; the readings that it needs are spread evenly over its window.
-        read: Measures the joints.
-        clock: The clock.
-        timeout_s: The longest time to wait.
-        ends: Returns whether to stop reading.
+    The readings that the detector needs are spread evenly over its window.
     """
     end_s = clock.now_s() + timeout_s
     while True:

@@ -87,11 +87,9 @@ class StopRequest:
     ) -> Generator[None]:
         """Mark the actions of this thread in the block as one request.
 
-        Args:
-            count: The ``count`` of stops at the request; None for the present one.
-            anew: Whether the request is independent of one that this thread is already executing.
-            withdrawn: Set by the requester to withdraw the request; its planning then ends, as
-                after a stop.
+        ``count`` is the number of stops when the request was made, by default the present number;
+        with ``anew``, the request is independent of the request that this thread is executing. Once
+        the requester sets ``withdrawn``, planning ends as after a stop.
         """
         outer = self._marked
         if outer is not None and not anew:
@@ -126,7 +124,7 @@ class StopRequest:
         return count != self.count or (withdrawn is not None and withdrawn.is_set())
 
     def check_request(self) -> None:
-        """Check that this thread's request was not withdrawn, and the arm not stopped after it.
+        """Check that this thread's request was not withdrawn, and the arm was not stopped since.
 
         Raises:
             StoppedError: The arm was stopped, even if that has been acknowledged since.
@@ -158,10 +156,7 @@ class StopRequest:
             self.raise_if_set()
 
     def raise_if_set(self, hint: str = "") -> None:
-        """Raise an error if a stop was requested.
-
-        Args:
-            hint: The next step for the user; the usual hint if empty.
+        """Raise an error with a hint (by default the usual one) if a stop was requested.
 
         Raises:
             StoppedError: A stop was requested; the error has the reason.
@@ -223,11 +218,8 @@ def exit_exception(number: int, text: str) -> BaseException:
     """Return the exception that ends the program after a signal; see decision 15.
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
-    pressed Ctrl-C does not go on to its next motion.
-
-    Args:
-        number: The signal; 0 if the program raised ``KeyboardInterrupt`` itself.
-        text: The effect on the arm.
+    pressed Ctrl-C does not go on to its next motion. The number of the signal is 0 if the program
+    raised ``KeyboardInterrupt`` itself.
     """
     if number in (0, signal.SIGINT):
         return KeyboardInterrupt(text)
@@ -238,7 +230,7 @@ def exit_exception(number: int, text: str) -> BaseException:
 def exiting_on_signals() -> Generator[None]:
     """Convert SIGTERM and SIGHUP to ``SystemExit`` within the block, so that cleanup runs.
 
-    A motion in the block brakes first. In threads other than the main one, nothing changes.
+    A motion in the block brakes first. In threads other than the main thread, nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -263,10 +255,6 @@ def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> N
 
     Once no such motion runs, signals have their default effect again. The program's own handlers
     are kept; only the main thread can set handlers.
-
-    Args:
-        stop_request: Set by the signal.
-        running: Whether the motion is still running.
     """
     _watched_stops[:] = [each for each in _watched_stops if each[1]()]
     _watched_stops.append((stop_request, running))
@@ -284,7 +272,7 @@ def _on_signal(number: int, _: FrameType | None) -> None:
 
 
 def _request_watched(number: int) -> bool:
-    """Stop every background motion that is still running; return whether there was one."""
+    """Stop every background motion that is still running; return whether any was running."""
     requests = [request for request, running in _watched_stops if running()]
     for request in requests:
         request.set(_reason_of(number), number)
@@ -304,12 +292,8 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
     """Convert Ctrl-C, SIGTERM and SIGHUP to a stop request within the block.
 
     If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
-    program's own handlers are kept. In threads other than the main one, which receives all signals,
-    nothing changes.
-
-    Args:
-        stop_request: Set by the signal.
-        loop_running: Whether a control loop will handle the request in its next cycle.
+    program's own handlers are kept. Nothing changes in other threads than the main thread, which
+    receives all signals.
     """
 
     def request_stop(number: int, _: FrameType | None) -> None:
@@ -332,11 +316,11 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
             signal.signal(number, handler)
 
 
-# A joint that moves by more in this time was moving. A resting joint keeps its goal, because its
-# load has pulled it below: a goal at its position would let it sink further at every stop.
+# A joint that moves by more than this in this time was moving. A resting joint keeps its goal,
+# because its load has pulled it below: a goal at its position would let it sink more at every stop.
 _POLL_PERIOD_S = 0.06
 _MOVED_TICKS = 2
-_ATTEMPTS = 3  # goals are read back and sent again, because a sync write has no reply
+_ATTEMPTS = 3  # times that goals are sent and read back, because a sync write has no reply
 
 
 @dataclass(frozen=True, slots=True)
@@ -345,7 +329,7 @@ class StopOutcome:
 
     Attributes:
         held: Joints that hold.
-        limp: Joints without torque; nothing was changed there.
+        limp: Joints without torque; their servos were not changed.
         silent: Joints that did not answer.
     """
 
@@ -355,7 +339,7 @@ class StopOutcome:
 
 
 def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> StopOutcome:
-    """Hold every joint that has torque at its position, without switching torque."""
+    """Hold every joint that has torque at its position; do not switch torque."""
     ids = {driven.servo_id: driven for driven in driven_joints}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
     on = [i for i in torque if bus.is_torque_on(i)]
@@ -363,7 +347,7 @@ def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Cloc
     clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
     present = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
     goals = bus.sync_read(on, RegisterName.GOAL_POSITION, raw=True).values
-    moving: dict[int, int] = {}  # or about to move, because its goal is far ahead
+    moving: dict[int, int] = {}  # or about to move, because the goal is far ahead
     for i, tick in present.items():
         was, goal = before.get(i), goals.get(i)
         if (

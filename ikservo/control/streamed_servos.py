@@ -10,12 +10,12 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 import numpy as np
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import Feedback
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.health_polling import HealthPoller, prepare_servos
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.joint_reading import Feedback
 from ikservo.control.stop_requests import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import (
     HeldUpError,
     IkservoError,
@@ -43,7 +43,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
 from ikservo.registers import RegisterName
 
-# A joint that lags its goal by more than its load explains presses against something.
+# A joint that lags its goal by this much more than its load explains presses against something.
 _PRESSING_LAG_RAD = math.radians(8.0)  # at the horn
 # A resting joint further from its reference, at the horn, was moved by something else.
 _REFERENCE_TOLERANCE_RAD = 0.01
@@ -51,7 +51,7 @@ STALL_S = 0.1
 """Gap between two cycles [s] after which joints with lost replies are read again and the motion
 does not advance: it accelerates again from a stop."""
 _MAX_RESTARTS = 10  # after more restarts a motion does not continue by itself
-_KEPT_WARNINGS = 50  # the latest ones
+_KEPT_WARNINGS = 50  # number of the latest warnings that are kept
 
 
 class StreamedServos:
@@ -63,15 +63,13 @@ class StreamedServos:
         clock: The clock of the bus.
 
     Attributes:
-        clock: The clock of the bus.
-        driven_joints: The joints, each with its servo, limits and speed.
         names: The joints, in the order of the vectors.
-        stop_request: Requests that the running motion ends.
+        stop_request: The request that the running motion ends, if any.
         torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
             watchdogs stopped them, because the program was delayed.
-        overload: Predicts when a servo will protect itself, and relaxes a pressing joint before
-            that.
+        overload: Predicts when a servo will protect itself, and pulls back goals of pressing
+            joints.
         warnings: The last warnings for the user, the oldest first.
         warn: Called with each warning; by default, warnings are ignored.
     """
@@ -119,7 +117,7 @@ class StreamedServos:
             RefusedError: No goals have been sent since torque was off.
         """
         known = [goal for goal in self._gate.goals if goal is not None]
-        if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
+        if len(known) < len(self.driven_joints):  # another thread acknowledged a stop meanwhile
             self.stop_request.check_request()
             raise RefusedError(
                 "The servos have no goals yet.", "Nothing was sent. Request the motion again."
@@ -139,7 +137,7 @@ class StreamedServos:
         self._reference = positions
 
     def refresh_reference(self) -> Vector:
-        """Measure the joints at rest; move the reference of a joint that is far from it.
+        """Measure the joints at rest; move the reference of a joint that is far from its reference.
 
         When torque is switched on, a limp arm sags by the amount that its load explains. The
         reference is then not moved, and the next motion begins by lifting the arm.
@@ -160,7 +158,7 @@ class StreamedServos:
             try:
                 self._check_torque()
             except ServoAlarmError as error:
-                self.torque.faulted()  # switched on again where it is, before the next motion
+                self.torque.faulted()  # torque is enabled again before the next motion
                 raise self._find_power_loss(error) or error from None
         self._reference = np.where(moved, measured, self._reference)
         return self.reference()
@@ -177,23 +175,13 @@ class StreamedServos:
             raise torque_lost_error(limp)
 
     def begin_compensation(self, cycle_time_s: float) -> None:
-        """Begin a motion at the reference with the present goals.
-
-        Args:
-            cycle_time_s: The time between two goals.
-        """
+        """Begin a motion at the reference with the present goals, each held for a cycle."""
         reference, goals = self.reference(), self.goals()
         self.compensator.begin(reference, goals, cycle_time_s, self._measured)
         self._reference_s, self._uncut = self.clock.now_s(), True
 
     def send_reference(self, point: TrajectoryPoint, advance_s: float, now_s: float) -> bool:
-        """Send the goals that bring the joints to a reference; see ``send_goals``.
-
-        Args:
-            point: The reference (n,), rad or m.
-            advance_s: The time by which the motion was advanced since the last cycle.
-            now_s: The clock's time for which the reference was computed.
-        """
+        """Send the goals for a reference (n,), rad or m, at ``now_s``; see ``send_goals``."""
         elapsed_s = now_s - self._reference_s
         if elapsed_s > STALL_S:  # the joints have come to rest
             self.compensator.begin(self.reference(), self.goals(), measured=self._measured)
@@ -241,7 +229,7 @@ class StreamedServos:
 
     def latch_stop(self, reason: StopReason) -> None:
         """Refuse motions until ``acknowledge``; nothing is sent to the servos."""
-        if reason is not self.stop_request.reason:  # was counted when requested
+        if reason is not self.stop_request.reason:  # the stop was counted when it was requested
             self.stop_request.count_stop(reason)
         self._gate.latch_stop(reason)
 
@@ -269,7 +257,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The top speed of the motion at the horns; None uses each joint's own.
+            speed_rad_s: The motion's top speed at the horns; None: the top speed of each joint.
             profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:
@@ -281,7 +269,7 @@ class StreamedServos:
         """
         self.torque.check_idle()
         try:
-            self.stop_request.raise_if_set()  # requested between two loops of one motion
+            self.stop_request.raise_if_set()  # a stop was requested between two loops of one motion
             self._prepare_streaming(speed_rad_s, profile_rad_s)
             self.torque.loop_started()
             yield
@@ -291,12 +279,12 @@ class StreamedServos:
                 self._limits.invalidate()
                 self._limits.set_speed(self._horn_rad_s)
                 self._hold_goals()
-            if self.overload.relaxes:  # nothing is read while they hold
+            if self.overload.relaxes:  # while servos hold, nothing is read
                 goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
                 if any(goal is not None for goal in goals):
                     self._send(self._gate.pass_hold(goals))
             self.torque.loop_ended()
-            self.stop_request.raise_if_set()  # requested after the last cycle
+            self.stop_request.raise_if_set()  # a stop was requested after the last cycle
         except BaseException as error:
             cause = error
             try:
@@ -316,7 +304,7 @@ class StreamedServos:
         """Read the joints (n,), rad or m, and the telemetry of one servo.
 
         Servos that their watchdogs stopped while the program was delayed are started again at their
-        positions, from which goals then also start; ``restarts`` counts this.
+        positions, from which goals then start, too; ``restarts`` counts such restarts.
 
         Raises:
             BusError: A servo that must be started again does not answer.
@@ -351,12 +339,12 @@ class StreamedServos:
         self._cycle_at_s = now_s
         check_pause(now_s - before_s)
         measured = self._feedback.read()
-        if self.lost_joints and now_s - before_s > STALL_S:  # not read for a long time
+        if self.lost_joints and now_s - before_s > STALL_S:  # a joint was not read for long
             now_s = self.clock.now_s()
             measured = self._feedback.read()
-        # Measured since the previous cycle began: it is unknown whether its goals arrived.
+        # The gap counts from the previous cycle's beginning: whether its goals arrived is unknown.
         self._limits.check_watchdog_gap(self.clock.now_s() - before_s)
-        self._gate.update_measured(self._feedback.latest, now_s)  # not measured earlier than now_s
+        self._gate.update_measured(self._feedback.latest, now_s)  # measured at ``now_s`` or later
         self._check_following(measured)
         self._measured = measured
         if self._health_poller:
@@ -368,12 +356,13 @@ class StreamedServos:
 
         Raises:
             ServoAlarmError: Servos have lost their torque, or a servo reports a fault.
-            RefusedError: A joint does not follow its goal; the error says if it is too heavy.
+            RefusedError: A joint does not follow its goal; the error tells if the arm is too heavy.
         """
         try:
             goals = self.goals()
             if self.overload.relaxed_joints:
-                # The motion must still end if a relaxed joint would press further and further.
+                # The motion must still end if a joint with a pulled-back goal presses more and
+                # more.
                 relaxed = np.isin(self.names, self.overload.relaxed_joints)
                 goals = np.where(relaxed, self._to_positions(self._undrawn), goals)
             self._following.update(goals, measured)
@@ -429,7 +418,7 @@ class StreamedServos:
         goals = self._gate.shorten_goals(requested, now_s)
         try:
             self._send(self._gate.pass_goals(goals, now_s))
-        except RegisterAccessError as error:  # a limp servo takes no goal
+        except RegisterAccessError as error:  # a servo without torque accepts no goal
             limp = self._limp_joints()
             if limp:
                 raise torque_lost_error(limp) from error
@@ -484,7 +473,7 @@ class StreamedServos:
         self._reference = self._measured
         # These packets have no reply. The first one is sent twice, because one may be lost.
         for step in (self._hold_goals, self._hold_goals, self._limits.broadcast_watchdog_off):
-            with contextlib.suppress(Exception):  # each is tried even if another fails
+            with contextlib.suppress(Exception):  # each packet is tried even if another one fails
                 step()
 
     def _prepare_streaming(self, speed_rad_s: float | None, profile_rad_s: float | None) -> None:
@@ -502,7 +491,7 @@ class StreamedServos:
         )
 
     def _hold_goals(self) -> None:
-        """Send hold goals to the servos with torque; the others are not changed."""
+        """Send hold goals to the servos with torque; the other servos are not changed."""
         ticks: list[int | None] = []
         rows = zip(self.driven_joints, self._gate.goals, self._gate.measured_ticks, strict=True)
         for driven, goal, measured in rows:
@@ -526,10 +515,10 @@ class StreamedServos:
         self._gate.commit(passed)
 
     def _write_goals(self, goals: Mapping[int, int]) -> None:
-        """Write goals, each within its limits or at a position that was measured or sent before.
+        """Write goals; each is within its limits, or at a tick that was measured or sent before.
 
         Raises:
-            RefusedError: A goal is neither; nothing was sent.
+            RefusedError: A goal is neither of these; nothing was sent.
         """
         write_goals(
             self._bus,

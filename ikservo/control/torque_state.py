@@ -44,7 +44,7 @@ class TorqueStateMachine:
 
     The thread that holds the runner's lock makes transitions; signals and other threads only read.
     The state machine also remembers that a first motion is due: a fault makes the state UNKNOWN but
-    completes no motion, so that the next one is still slow.
+    completes no motion, so that the next motion is still slow.
     """
 
     def __init__(self) -> None:
@@ -88,11 +88,7 @@ class TorqueStateMachine:
             )
 
     def enabling(self, *, was_on: bool) -> None:
-        """Record that torque is about to come on; until all servos have it, the state is unknown.
-
-        Args:
-            was_on: Whether every servo already had its torque on.
-        """
+        """Record that torque is about to come on; until all servos have torque, it is unknown."""
         self._first_motion_due = self._first_motion_due or not was_on
         self._at_rest = TorqueState.UNKNOWN
 
@@ -130,7 +126,7 @@ class TorqueStateMachine:
             self._at_rest = TorqueState.UNKNOWN
 
     def invalidated(self) -> None:
-        """Require torque to be enabled again before the next motion, which has other limits."""
+        """Require torque to be enabled again before the next motion, because limits changed."""
         self._at_rest = TorqueState.UNKNOWN
 
     def acknowledged(self) -> None:

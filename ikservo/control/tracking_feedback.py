@@ -13,33 +13,33 @@ from ikservo.kinematics.arrays import Vector
 # at the same rate without damping. docs/decisions/0020 says why this drives no swing in the
 # backlash, docs/how-control-works.md how the numbers were chosen. Angles are those of the horn.
 _SWING_RAD_S = 18.0  # rate at which a joint would swing without damping
-_BRAKING_PER_S = 28.0  # rate at which damping slows it down; with 45 an STS3215 swings by itself
+_BRAKING_PER_S = 28.0  # rate at which damping slows a swing; with 45 an STS3215 swings by itself
 _PROPORTIONAL_RANGE = (-0.5, 0.5)  # rad per rad: limits for joints of uncertain inertia
-_DERIVATIVE_RANGE_S = (0.03, 0.12)  # limits for them, too; at 0.12 a tick is six ticks of the goal
+_DERIVATIVE_RANGE_S = (0.03, 0.12)  # such limits, too; at 0.12, a tick moves the goal by six
 # These are added for a joint whose gears the weight of the links presses to one flank, because
 # heavy joints would lag without them.
 _PRESSED_RAD_S = 12.0  # added to the rate of the swing
 _PRESSED_PER_S = 12.0  # added to the rate of the damping
 _PRESSED_PROPORTIONAL = 1.0  # rad per rad: added to both limits of the proportional part
 _FILTER_S = 0.015  # filter of the derivative: a tick in a cycle looks like a high speed
-# Both parts together: swings need less, and goals must not jump after lost replies, or if a joint
-# sagged before its motion began.
+# Limits of both parts together: damping a swing needs less, and goals must not jump after lost
+# replies, or if a joint sagged before its motion began.
 _MAX_FAST_RAD = 0.04  # largest size
 _MAX_FAST_RAD_S = 1.0  # largest rate
-_STALE_S = 0.03  # after this time without a reply both fade
-_INTEGRAL_PER_S = 3.0  # slower than any arm swings; learns masses, payload and servos
+_STALE_S = 0.03  # after this time without a reply both parts fade
+_INTEGRAL_PER_S = 3.0  # slower than any arm swings; learns errors of masses, payload and servos
 _MAX_INTEGRAL_RAD = 0.08  # sag of a joint at its torque limit
 # Friction that differs from the model: wear, variation between servos, and friction behind the
 # backlash.
 _FRICTION_PER_S = 2.0  # rate of learning; four times as fast takes loads for friction
-_FRICTION_RAD = (-0.01, 0.03)  # limits
+_FRICTION_RAD = (-0.01, 0.03)  # limits of what is learned
 # Goals act some milliseconds after the measurement, so the derivative would drive a swing of more
 # than 8 Hz: an error that reverses repeatedly.
 _SWING_RAD = 0.007  # an error that reverses by more than this
-_SWING_S = 0.06  # within this time of the reversal before: half a period of 8 Hz
+_SWING_S = 0.06  # within this time of the previous reversal: half a period of 8 Hz
 _MIN_TURNS = 2  # more reversals than this are a swing
 _SWING_SHARE = 0.5  # fraction of the fast feedback that each further reversal leaves
-_RECOVERY_S = 20.0  # time in which all of it returns
+_RECOVERY_S = 20.0  # time in which the fast feedback returns completely
 _MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not jump after a stall
 
 
@@ -114,7 +114,7 @@ class TrackingFeedback:
 
         Args:
             error: Reference minus joint.
-            left: Errors up to this size (n,), in both directions, are ignored.
+            left: Errors up to this size (n,), in either direction, are ignored.
             elapsed_s: Time since the last cycle.
             fresh: Whether each joint (n,) was read; the errors of the others are unknown.
             grow: The rate at which the parts of each goal (n,) may move it further away, 0 to 1.
@@ -135,7 +135,7 @@ class TrackingFeedback:
         change = _INTEGRAL_PER_S * step_s * beyond / slope
         load = self.integral
         back = np.clip(load + change, np.minimum(load, 0.0), np.maximum(load, 0.0))
-        on = load + change - back  # rest of the change once the load is zero
+        on = load + change - back  # what remains of the change once the load is zero
         self.integral = np.clip(back + grow * on, -self._max_integral, self._max_integral)
         learned = self.friction + _FRICTION_PER_S * step_s * np.where(fresh, error * direction, 0.0)
         inward = np.minimum(learned, self.friction)

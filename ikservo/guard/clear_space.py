@@ -28,17 +28,14 @@ from ikservo.kinematics.packed import (
     PackedBody,
 )
 
-# Between postures this far apart, the links of a sagging arm are assumed to move on straight lines.
-# Torques are sines of sums of joint positions: if three joints turn together and one yields by 0.1
-# rad, the links deviate from this assumption by about 0.001 rad at most.
+# Between postures this far apart, the links of a sagging arm are assumed to move on straight lines
+# in joint space. Torques are sines of sums of joint positions: if three joints turn together and
+# one yields by 0.1 rad, the links deviate from such a line by about 0.001 rad at most.
 _BENDING_STEP_RAD = 0.1
 
 
 class RigidBodies:
     """The rigid bodies of an arm: links without a joint between them share a frame.
-
-    Args:
-        body: The arm.
 
     Attributes:
         frames: One row per body, in the format of link rows; see ``kinematics.packed``.
@@ -71,7 +68,7 @@ class RigidBodies:
             self.capsules[:, at : at + 3] = (self._poses[of, :3, :3] @ points)[..., 0]
             self.capsules[:, at : at + 3] += self._poses[of, :3, 3]
         self.capsules[:, LINK] = np.array(numbers)[of]
-        from ikservo.kernels.free_path import SPHERE_ROWS  # noqa: PLC0415  # as the checker's
+        from ikservo.kernels.free_path import SPHERE_ROWS  # noqa: PLC0415  # as in the checker
 
         starts, ends = self.capsules[:, START : START + 3], self.capsules[:, END : END + 3]
         self.spheres = np.zeros((SPHERE_ROWS, len(starts)))
@@ -111,23 +108,24 @@ class RigidBodies:
 
 
 class ClearSpace:
-    """The postures, and straight motions between them, that keep their clearances.
+    """The postures, and straight motions between them, in which an arm keeps its clearances.
 
-    Motions are checked without gaps: no distance is too small by a millimetre, even to thin things.
-    Only one thread at a time may use an object. ``CollisionChecker.clear_space`` makes objects.
+    Motions are checked without gaps: no distance is too small by a millimetre, even to thin
+    obstacles. Only one thread at a time may use a space, which ``CollisionChecker.clear_space``
+    makes.
 
     Args:
         body: The arm.
         rigid: The rigid bodies of the arm.
-        shapes: The things (k, 17) without the table; see ``kinematics.packed``.
-        floor_m: The height of the table; minus infinity for none.
+        shapes: The obstacles (k, 17) other than the table; see ``kinematics.packed``.
+        floor_m: The height of the table; minus infinity if there is no table.
         allowed_m: The distances (2, pairs) that capsules must keep: first row for the arm itself,
             second row for the sagging arm.
         sag: The sag of the arm under gravity; None if it is not considered.
         load: Multiple of gravity under which the arm sags.
-        bends: Returns the positions of links (n, dof) from sensor positions of the joints; None for
-            an arm that is rigid behind the sensors.
-        sampled_m: The distances (2, pairs) that searches must keep at their samples; None for
+        bends: Computes the link joints (n, dof) from the sensor joints (n, dof); None if the arm
+            does not bend between sensors and links.
+        sampled_m: The distances (2, pairs) that searches must keep at their samples; None:
             ``allowed_m``.
 
     Attributes:
@@ -152,7 +150,7 @@ class ClearSpace:
         self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)
         half_m = np.abs(shapes[:, :9].reshape(-1, 3, 3)) @ shapes[:, HALF : HALF + 3, None]
         grown_m = half_m[:, :, 0] + shapes[:, ROUNDING, None]
-        # A box along the base axes around each thing: its centre and half its size (6, k).
+        # A box along the base axes around each obstacle: its centre and half its size (6, k).
         boxes = np.ascontiguousarray(np.hstack([shapes[:, CENTRE : CENTRE + 3], grown_m]).T)
         watched = allowed_m[0, : len(body.pairs)] > -np.inf
         arguments = (
@@ -178,11 +176,11 @@ class ClearSpace:
         if self._bends is not None:
             pieces = [_close_postures(a, b) for a, b in itertools.pairwise(path)]
             path = self._bends(np.vstack([path[:1], *pieces]))
-        # Without compiled kernels the comparison is a NumPy bool, which OMPL does not take.
+        # Without compiled kernels the comparison gives a NumPy bool, which OMPL does not accept.
         return bool(self._first_contact(path) == self._no_contact)
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
-        """Check whether each posture (n, dof) keeps the distances (n,)."""
+        """Check which postures (n, dof) keep the distances; return a mask (n,)."""
         q = finite_vectors(np.array(postures), self._dof, "q")
         if self._bends is not None:
             q = self._bends(q)
@@ -192,12 +190,12 @@ class ClearSpace:
 
 
 def _close_postures(start: Vector, goal: Vector) -> Matrix:
-    """Return postures (k, dof) on the straight path to another posture, which comes last."""
+    """Return postures (k, dof) on the straight path to another posture, which is the last row."""
     count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
     return np.linspace(start, goal, count + 1)[1:]
 
 
 def _with_largest(allowed_m: Matrix, links: int, shapes: int) -> Matrix:
-    """Append, for each link, its largest allowed distance to any thing (2, pairs)."""
+    """Append, for each link, the largest of its allowed distances to obstacles (2, pairs)."""
     of_things = allowed_m[:, allowed_m.shape[1] - links * shapes :].reshape(2, shapes, links)
     return np.hstack([allowed_m, of_things.max(axis=1, initial=-np.inf)])

@@ -29,10 +29,10 @@ _MAX_UNCHECKED_M = 0.001
 # excess over a length, so that the motions between samples keep the distance, too.
 _FURTHER = 0.2  # the fraction
 _ABOVE_M = 0.001  # the length
-# A contact at the start may get this much deeper on the path, as when an arm that touches the table
+# A contact at the start may get this much deeper on the path, for example if an arm on its table
 # turns a joint.
 _DEEPER_M = 5e-4
-_DEEPER_AT_END_M = 1e-6  # less at the end, because many short motions would add up
+_DEEPER_AT_END_M = 1e-6  # a smaller value at the end, because many short motions would add up
 
 
 class CollisionChecker:
@@ -41,22 +41,21 @@ class CollisionChecker:
     Args:
         body: The arm's capsules; if its vectors end with the gripper's joint, the jaws are
             checked at their position.
-        floor_m: Height of the table in the base frame; None for none.
-        boxes: Other keep-out volumes.
+        floor_m: Height of the table in the base frame; None if there is no table.
+        boxes: Obstacles other than the table.
         sag: The sag of the joints from their goals in motion; paths are checked with and without
-            it. None for an arm that does not yield.
+            sag. None if the arm does not yield.
 
     Attributes:
-        pairs: The checked pairs: a link, and another link or the name of a thing.
+        pairs: The checked pairs: a link, and another link or the name of an obstacle.
         body: The packed body.
-        shapes: The things (k, 17) without the table; see ``kinematics.packed``.
-        floor_m: The height of the table; minus infinity for none.
-        things: The names of the things without the table.
+        shapes: The obstacles (k, 17) other than the table; see ``kinematics.packed``.
+        floor_m: The height of the table; minus infinity if there is no table.
+        things: The names of the obstacles other than the table.
         overlap_m: The allowed overlap of each pair (pairs,).
         watched: Whether each pair (pairs,) is checked.
-        sag: The sag of the joints; None for an arm that does not yield.
-        bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
-            an arm that is rigid behind them.
+        bends: Computes the link joints (n, dof) from the sensor joints (n, dof); None if the arm
+            does not bend between sensors and links.
     """
 
     def __init__(
@@ -94,7 +93,7 @@ class CollisionChecker:
     def in_scene(
         self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None
     ) -> CollisionChecker:
-        """Return the checker of this arm with another body and other things."""
+        """Return a checker of this arm with another body and other obstacles."""
         other = CollisionChecker(body, self.floor_m, boxes, sag)
         other.bends = self.bends
         return other
@@ -117,21 +116,20 @@ class CollisionChecker:
 
         An arm that touches the table or itself may move out of the contact. A pair in contact at
         the start may stay at that depth until it separates; afterwards it may overlap by at most
-        0.5 mm. The same holds for a pair that is within 0.5 mm of contact at the start. A stream
-        checks two vectors: the present posture and the one in which it would stop. Joints move on
-        straight lines between the vectors; the path is sampled more finely where a contact is
+        0.5 mm. The same holds for a pair that is within 0.5 mm of contact at the start. A stream of
+        goals checks two vectors: the present posture and the posture in which the arm would stop.
+        Joints move on straight lines between the vectors; samples are closer where a contact is
         possible.
 
         Args:
             path: The joint vectors.
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
-            may_touch_again: Whether a pair in contact at the start may return to that depth, and
-                end there, except with a box, as in a recording of an arm that was laid down.
+            may_touch_again: Whether a pair in contact at the start may return to that depth and end
+                there, as in a recording of an arm that was laid down; not for contact with a box.
             rest: The posture (dof,) at rest before the first vector. No contact may get deeper than
-                there, because the half millimetres of many checks would add up.
-            began_m: Distances (pairs,) [m], negative, at which the arm came into each contact; -inf
-                if not known. A contact may get half a millimetre deeper on the path, however many
-                motions were stopped there.
+                in this posture, because the half millimetres of many checks would add up.
+            began_m: Distances (pairs,) [m], negative, at which each contact began; -inf if unknown.
+                A contact may get at most half a millimetre deeper than that over all motions.
 
         Returns:
             The smallest distance on the path [m], without sag.
@@ -174,7 +172,7 @@ class CollisionChecker:
         return float(gap_m[:, bodies].min())
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
-        """Check whether each posture (n, dof) is free of collisions (n,)."""
+        """Check which postures (n, dof) are free of collisions; return a mask (n,)."""
         return self._postures.contains(postures)
 
     @cached_property
@@ -189,8 +187,8 @@ class CollisionChecker:
         Args:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
-                ``margin_m`` there may come as near as half of that on the path. Adjacent links are
-                always near each other: keeping the whole distance would need very small steps.
+                ``margin_m`` in them may come to half of that distance on the path. Adjacent links
+                are always near each other: keeping the whole distance would need very small steps.
             load: Multiple of gravity under which a yielding arm must also keep the distance; 0
                 ignores sag.
         """
@@ -202,7 +200,7 @@ class CollisionChecker:
         sampled_m = np.minimum(sampled_m, np.maximum(nearest_m, 0.0))
         allowed_m, sampled_m = (self._allowed_of_capsules(each) for each in (near_m, sampled_m))
         sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
-        from ikservo.guard.clear_space import ClearSpace  # noqa: PLC0415  # only where asked
+        from ikservo.guard.clear_space import ClearSpace  # noqa: PLC0415  # few programs need it
 
         return ClearSpace(
             self.body, self._rigid, self.shapes, self.floor_m, allowed_m, sag, load, self.bends,
@@ -263,7 +261,7 @@ class CollisionChecker:
         ]
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
-        """Find the intervals in which a collision is possible; return their first samples."""
+        """Find intervals of the path where a collision is possible; return their first samples."""
         nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
         slack_m = gap_m - self._allowed_gaps(gap_m)
         free = np.minimum(slack_m[:-1], slack_m[1:]) >= -_TOUCH_M
@@ -273,8 +271,8 @@ class CollisionChecker:
     def distances_with_sag(self, path: Matrix, load: float = 1.0) -> Matrix:
         """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
-        First come the distances of every pair, then those to the surroundings with sag. An arm that
-        lies on the table sags only in this computation, so the two are kept separate.
+        First come the distances of every pair without sag, then the distances to the surroundings
+        with sag. An arm that lies on the table sags only in this computation, so both are kept.
         """
         gap_m = self.distances(path)
         if self.sag is None:
@@ -285,7 +283,7 @@ class CollisionChecker:
     def _allowed_gaps(self, gap_m: Matrix) -> Matrix:
         """Compute the smallest allowed distances of ``distances_with_sag`` at each sample [m].
 
-        A contact at the start ends when its pair is free for the first time.
+        A contact at the start is allowed until its pair is free for the first time.
         """
         been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
         # While the arm leaves a contact, a pair that touches at the start, or nearly so, may graze
@@ -297,8 +295,7 @@ class CollisionChecker:
     def _deeper_m(self, start_m: Vector) -> Vector:
         """Compute the overlap [m] allowed for each pair beyond its overlap at the start.
 
-        If only the sagging arm touches, it may use half of the distance that the arm without sag
-        has at the start.
+        If the arm touches only with sag, half of its distance without sag at the start is allowed.
         """
         deeper_m = np.full(len(start_m), _DEEPER_M)
         if self.sag is not None:

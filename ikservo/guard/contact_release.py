@@ -12,8 +12,8 @@ _DIFFERENCE = 1e-4  # per joint for the derivatives of distances, rad or m
 _MAX_STEPS = 60  # iterations: a joint moves by at most 1.8 rad
 _NEAR_M = 0.06  # nearer pairs must not come into contact in the next step
 _LEAST_GAIN_M = 2e-5  # smaller gains per step do not free the arm
-# An arm is free at the first distance. The larger ones, if they can be reached, keep its next
-# motion from touching the same thing again.
+# An arm is free at the first distance. The larger distances, if the arm can reach them, keep its
+# next motion from touching the same obstacle again.
 _DISTANCES_M = (0.003, 0.02, 0.05)
 
 
@@ -40,7 +40,7 @@ def nearest_free_posture(
 def _move_apart(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector, distance_m: float
 ) -> Vector | None:
-    """Find joints (dof,) near ``q`` at which all pairs have a distance; None if none exist.
+    """Find joints (dof,) near ``q`` at which all pairs keep a distance; None if none were found.
 
     Each step maximises the gain in distance of all pairs that are too near while no other pair
     comes too near; it is a linear program in the joints (the non-penetration constraints of

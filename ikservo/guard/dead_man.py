@@ -9,18 +9,14 @@ DEAD_MAN_TIMEOUT_S = 0.3
 
 
 class DeadManSwitch:
-    """Checks whether the last command from a client is too old to continue a motion.
-
-    Args:
-        timeout_s: The time for which one command is valid.
-    """
+    """Checks whether the last command from a client is too old to continue a motion."""
 
     def __init__(self, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> None:
         self._timeout_s = timeout_s
         self._fresh_s = -math.inf
 
     def refresh(self, time_s: float) -> None:
-        """Record a command; a command without a time, or an older one, does not count."""
+        """Record a command, unless it has no time or is older than the last command."""
         if time_s < math.inf:
             self._fresh_s = max(self._fresh_s, time_s)
 

@@ -11,15 +11,15 @@ from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 MAX_ELAPSED_S = 0.05
 # A measurement older than this is stale.
 _STALE_S = 0.25
-# From this fraction of the lead on a motion slows down, so that it need not stop at the limit.
+# A motion slows down above this fraction of the maximum lead, so that it need not stop there.
 _EASE_FROM = 0.75
 
 
 class RateLimiter:
     """The step limit of one joint's goals.
 
-    Goals are integer ticks, so that a step may be one tick longer than the speed allows; the next
-    steps are shortened by that tick, because many small steps would otherwise exceed the speed.
+    Goals are integer ticks, so that a step may be up to one tick longer than the speed allows; the
+    next steps are shortened by this excess, because many small steps would otherwise be too fast.
 
     Args:
         ticks_s: The maximum speed, ticks per second.
@@ -45,14 +45,10 @@ class JointGate:
     """Checks the goals of one joint against its limits, its last goal and its last measurement.
 
     A goal's *lead* is its distance from the measured joint. A goal with a lead of more than
-    `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or on the path back from
-    it. A goal of a joint that was not measured recently is also refused.
-
-    Args:
-        driven: The joint.
+    `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or between the present
+    goal and the joint. A goal of a joint that was not measured recently is also refused.
 
     Attributes:
-        driven: The joint.
         goal: The last goal that was sent; None if no goal is in force.
         measured: The last measured tick; None before the first measurement.
     """
@@ -68,18 +64,13 @@ class JointGate:
         self.set_speed(driven.speed)
 
     def set_speed(self, speed: float) -> None:
-        """Set the maximum speed of the next motion, rad/s or m/s; low speeds allow less lead."""
+        """Set the maximum speed of the next motion, rad/s or m/s; lower speeds allow less lead."""
         self._max_lead = self.driven.max_lead_ticks(speed)
         unit_per_tick = self.driven.joint_map.unit_per_tick
         self._ticks_s = min(speed / unit_per_tick, self.driven.max_ticks_s)
 
     def update_measured(self, tick: int, time_s: float) -> None:
-        """Update the measured position.
-
-        Args:
-            tick: The joint position.
-            time_s: Time of the measurement, by the gate's clock.
-        """
+        """Update the measured position at a time by the gate's clock."""
         self.measured, self._measured_s = tick, time_s
 
     def last_goal(self) -> int:
@@ -101,7 +92,7 @@ class JointGate:
 
     def is_stale(self, now_s: float) -> bool:
         """Check whether the last measurement is too old for a goal to pass."""
-        return not now_s - self._measured_s <= _STALE_S  # this form makes NaN stale
+        return not now_s - self._measured_s <= _STALE_S  # in this form, NaN counts as stale
 
     def ease(self) -> float:
         """Compute how fast goals may advance, 0 to 1; below 1 from 3/4 of the maximum lead."""
@@ -111,7 +102,7 @@ class JointGate:
         return min(max((1.0 - lead / self._max_lead) / (1.0 - _EASE_FROM), 0.0), 1.0)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Compute the time by which a motion may advance; less than elapsed if the joint lags.
+        """Compute the time by which a motion may advance; less than has elapsed if the joint lags.
 
         Goals within the speed of `set_speed` stay within the maximum lead.
         """
@@ -126,11 +117,6 @@ class JointGate:
 
         A goal that the joint could not reach within 50 ms at full speed is not a late step but a
         jump: its fraction is 1, and `check_goal` refuses it.
-
-        Args:
-            tick: The goal.
-            elapsed_s: The time since the last goals.
-            now_s: The time.
 
         Raises:
             RefusedError: The goal is outside the limits, or the joint was not measured recently.
@@ -147,11 +133,6 @@ class JointGate:
     def check_goal(self, tick: int, elapsed_s: float, now_s: float) -> None:
         """Check a goal of a motion.
 
-        Args:
-            tick: The goal.
-            elapsed_s: The time since the last goals.
-            now_s: The time.
-
         Raises:
             RefusedError: The goal is outside the limits, too far from the last goal or from the
                 measured joint, or the joint was not measured recently.
@@ -164,7 +145,7 @@ class JointGate:
             raise RefusedError(
                 f"Velocity limit: setpoint step of {step} ticks in {shown_ms:.0f} ms for "
                 f"{self._name} (max {max_step}); stopped.",
-                "Setpoints must not move faster than the fastest speed of the arm file.",
+                "Setpoints must not move faster than the highest speed in the arm file.",
             )
         measured, lead = self._recent_tick(now_s), self._max_lead
         if not min(measured - lead, last) <= tick <= max(measured + lead, last):
@@ -175,7 +156,7 @@ class JointGate:
             )
 
     def check_hold_goal(self, tick: int) -> None:
-        """Check that a goal keeps the joint still, between the last goal and the measured joint.
+        """Check that a goal holds the joint: it lies between the last goal and the measured joint.
 
         Raises:
             RefusedError: The goal would move the joint.

@@ -1,4 +1,4 @@
-"""Predict when a servo protects itself from overload, from how long and hard its joint presses."""
+"""Predict when a servo's overload protection acts, from how long and how hard its joint presses."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class OverloadRule:
 
 # A horn that has turned by no more than this is blocked (0.1 rad/s).
 _STILL_RAD = 0.004
-_STILL_S = 0.04  # time in which it has turned
+_STILL_S = 0.04  # time for which this turn is measured
 # A goal acts before its effect is measured, so output this close to the limit counts as overload.
-_NEAR = 0.92  # fraction of the limit at which overload begins
+_NEAR = 0.92  # fraction of the limit above which overload begins
 _ENDED = 0.88  # fraction of the limit below which it ends
-# Output that has not exceeded the limit itself for this long stays below it, and trips no servo.
+# Output that has not exceeded the limit itself for this long stays below it: no servo trips.
 _REACHED_S = 0.1
-_RELAX_LEFT_S = 1.0  # a joint with no more time left than this is relaxed
-_RELAXED_SHARE = 0.6  # fraction of the limit to which it is relaxed
-# A joint whose load only just prevents it from starting is near its reference.
+_RELAX_LEFT_S = 1.0  # the goal of a joint that has at most this time left is pulled back
+_RELAXED_SHARE = 0.6  # fraction of the limit with which that joint still presses
+# A joint that its load only just keeps from starting is near its reference.
 _NEAR_REFERENCE_RAD = 0.045  # at the horn
-_STARTING_S = 0.3  # time that it gets to start
+_STARTING_S = 0.3  # time that such a joint has to start
 _LOAD_AGE_S = 0.3  # a reading of the load is valid for this time
 
 
@@ -54,8 +54,8 @@ class _Pressing:
         output: Fraction of the output for its last goal.
         load: The last reading of the load as a signed fraction of the output.
         since_s: Time since which the joint presses beyond the limit; NaN if it does not.
-        reached_s: Last time at which the joint was beyond the limit.
-        bound: The goal when the joint was relaxed, which the motion does not pass; None otherwise.
+        reached_s: Last time at which the output was beyond the limit.
+        bound: The goal when it was pulled back, which the motion does not pass; None otherwise.
         warned: Whether the user was warned.
         side: 1 if the joint presses towards greater ticks, -1 towards smaller ones.
     """
@@ -77,9 +77,6 @@ class OverloadMonitor:
 
     The duty of a position loop is ``kp (goal - position)``, which is known one cycle before a
     reading could show it; load readings are also used if there are any.
-
-    Args:
-        driven_joints: The joints.
 
     Attributes:
         rules: The rules by joint; a joint without a rule is not watched.
@@ -126,13 +123,9 @@ class OverloadMonitor:
         time_s: float,
         references: Sequence[int] | None = None,
     ) -> tuple[str, ...]:
-        """Process the present goals and measured ticks; return new warnings.
+        """Process goals, and ticks of the joints that replied; return new warnings.
 
-        Args:
-            goals: The goals.
-            ticks: The ticks of the joints that replied.
-            time_s: The time of the goals.
-            references: The reference of the joints; None uses the goals.
+        Without references of the joints, the goals are used.
         """
         self._time_s = time_s
         warnings, self._news = self._news, []
@@ -146,10 +139,10 @@ class OverloadMonitor:
         return tuple(warnings)
 
     def draw_back(self, goals: Sequence[int], ticks: TickRow) -> list[int]:
-        """Pull back the goals of joints that press for too long.
+        """Pull back the goals of joints that have pressed for too long.
 
         Such a joint continues to press with 60 % of the output that its servo tolerates, until its
-        goal comes back or the obstacle gives way. It does not follow a load that pushes it back.
+        goal returns or the obstacle gives way. It does not follow a load that pushes it back.
         """
         drawn = list(goals)
         for name in self.rules:
@@ -166,7 +159,7 @@ class OverloadMonitor:
                 joint.bound = near
                 self._news.append(
                     f"The load of {name} was reduced {left_s:.1f} s before the servo would "
-                    f"protect itself: its goal stays close to the joint."
+                    f"protect itself; its goal is kept close to the joint's position."
                 )
             if joint.bound is None:
                 continue
@@ -181,10 +174,6 @@ class OverloadMonitor:
 
         A goal that is already near enough is left out. No goal is moved away from the measured
         tick, because causes other than the lag, such as an I gain, may add to the measured load.
-
-        Args:
-            goals: The present goals.
-            ticks: The measured ticks.
         """
         drawn: list[int | None] = [None] * len(goals)
         for name in self.rules:
@@ -243,5 +232,5 @@ class OverloadMonitor:
         joint.warned = True
         return [
             f"{name} presses with {100.0 * output:.0f} % of its output; "
-            f"its servo protects itself from overload in {left_s:.1f} s."
+            f"its servo's overload protection acts in {left_s:.1f} s."
         ]

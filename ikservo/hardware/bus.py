@@ -26,7 +26,7 @@ from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.registers import Family, Register, RegisterName
 
-_MAX_CACHED_PLANS = 64  # more than a program repeats; limits the memory
+_MAX_CACHED_PLANS = 64  # more requests than a program repeats; limits the memory
 
 _Key = TypeVar("_Key", bound=RegisterRef)
 
@@ -34,11 +34,11 @@ _Key = TypeVar("_Key", bound=RegisterRef)
 class ServoBus(RegisterAccess):
     """Read and write registers of the servos on one port.
 
-    A register may come from any table, or be a ``RegisterName``, which means each servo's own
-    register of that name; so one call works for servos of several models. Values are in the
-    register's unit; ``raw=True`` uses the raw integer (ticks for positions).
+    A register may come from any table, or be a ``RegisterName``, which stands for the register of
+    that name in each servo's table, so that one call works for servos of several models. Values are
+    in the register's unit; ``raw=True`` uses the raw integer (ticks for positions).
 
-    Programs may use it without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
+    Programs may use a bus without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
     ``action`` are part of this interface, although ikservo does not call them.
 
     Args:
@@ -48,7 +48,6 @@ class ServoBus(RegisterAccess):
         fast: Whether fast sync read is tried where the family supports it.
 
     Attributes:
-        port: The port.
         servos: The servos by id.
     """
 
@@ -104,7 +103,7 @@ class ServoBus(RegisterAccess):
     def bulk_read(
         self, refs: Mapping[int, Sequence[_Key]], *, raw: bool = False
     ) -> Readings[Mapping[_Key, int]] | Readings[Mapping[_Key, float]]:
-        """Read each servo's own registers, with as few requests as the family allows.
+        """Read registers that may differ between servos, with as few requests as the family allows.
 
         Neighbouring registers are read together. An error is raised only if the port is lost. A
         servo that does not reply is in ``errors``, after one common retry of all silent servos; a
@@ -161,7 +160,7 @@ class ServoBus(RegisterAccess):
         batch: dict[tuple[Family, int, int], dict[int, bytes]] = defaultdict(dict)
         for cell, value in zip(cells, values.values(), strict=True):
             lower, upper = cell.register.range
-            # This fast path is for the goals that are sent in every cycle.
+            # This fast path serves the goals, which are sent in every cycle.
             if raw and cell.plain and type(value) is int and lower <= value <= upper:
                 data = cell.register.encode(value)
             else:
@@ -176,7 +175,7 @@ class ServoBus(RegisterAccess):
                 self._track_state(cell.servo, cell.register, cell.register.decode(data))
 
     def bulk_write(self, values: Mapping[int, Mapping[_Key, float]], *, raw: bool = False) -> None:
-        """Write each servo's own registers, without replies from the servos.
+        """Write registers that may differ between servos, without replies from the servos.
 
         Neighbouring registers share a packet, and so do several servos if the family allows it.
 
@@ -208,7 +207,7 @@ class ServoBus(RegisterAccess):
 
         Args:
             family: The protocol family.
-            highest_id: The last id to wait for; the highest known one if None.
+            highest_id: The last id to wait for; None: the highest id of a known servo.
 
         Raises:
             PortLostError: The port is lost.
@@ -217,10 +216,10 @@ class ServoBus(RegisterAccess):
         return self._requester.drivers[family].broadcast_ping(last)
 
     def load_return_delays(self) -> None:
-        """Shorten reply timeouts to these servos' own return delays.
+        """Shorten reply timeouts to the return delays that are set in these servos.
 
-        Until then the longest delay that the registers can hold is assumed for each servo. If a
-        servo does not reply or has no such register, the assumption stays.
+        Before this call, the longest delay that the register can hold is assumed for each servo. If
+        a servo does not reply or has no such register, the assumption stays.
         """
         role = RegisterName.RETURN_DELAY
         settable = [i for i, servo in self.servos.items() if role not in servo.table.missing]
@@ -231,12 +230,7 @@ class ServoBus(RegisterAccess):
                 driver.set_return_delay(max(readings.values[i] for i in ids))
 
     def reconnect(self, serial_number: str, within_s: float) -> None:
-        """Reconnect after the adapter was unplugged and plugged in again; nothing moves.
-
-        Args:
-            serial_number: The serial number of the adapter, from ``serial_number_of`` before the
-                loss.
-            within_s: The time to wait for the adapter.
+        """Reconnect to an adapter that was unplugged, by its serial number; nothing moves.
 
         Raises:
             PortLostError: The adapter did not come back in time.

@@ -27,10 +27,11 @@ def write_goals(
         bus: The servos.
         goals: Raw ticks by servo id.
         ranges: The lowest and the highest goal of each servo, inclusive.
-        reached: Returns the tick at which a servo is, or to which it was last sent; called for a
-            goal outside its range.
+        reached: Returns the tick at which a servo is, or to which it was last sent; called only if
+            a goal is outside.
         describe: Returns the message for a refused goal, given servo id and tick.
-        confirmed: Whether each servo confirms its goal by a reply; if not, one packet carries all.
+        confirmed: Whether each servo confirms its goal by a reply; if not, one packet has all
+            goals.
 
     Raises:
         RefusedError: A goal is outside its range, or its servo has no range; nothing was sent.

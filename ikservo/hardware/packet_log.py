@@ -40,7 +40,7 @@ class LoggedBytes:
 
     Attributes:
         time_s: Seconds since the beginning of 1970; in a simulation, the time of its clock.
-        sent: Whether they were sent; otherwise they were received.
+        sent: Whether the port sent the bytes; otherwise it received them.
         data: The bytes.
         opening: Number of the port's opening in the file, from 1.
     """
@@ -52,12 +52,7 @@ class LoggedBytes:
 
 
 def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
-    """Return a transport that records its bytes.
-
-    Args:
-        transport: Carries the bytes.
-        path: The file to which they are appended.
-        name: The name of the port.
+    """Return a transport that appends its bytes to a file.
 
     Raises:
         FileFormatError: The file exists and is not a regular file.
@@ -70,7 +65,7 @@ class _RecordedTransport:
     """Wraps a transport, and writes the bytes that it sends and receives to a file.
 
     Each block is one write at the end of the file, so that several programs may share it and
-    nothing is lost if one is killed. A full disk ends the recording, not the motion.
+    nothing is lost if one is killed. A full disk ends the recording; the motion continues.
     """
 
     def __init__(self, transport: Transport, path: Path, name: str) -> None:
@@ -123,7 +118,7 @@ class _RecordedTransport:
             vars(self)["_file"] = -1
             warnings.warn(f"{self._path}: packets are no longer recorded: {error}", stacklevel=2)
 
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # whatever the transport has
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # any attribute of the transport
         return getattr(vars(self)["_transport"], name)
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -16,7 +16,7 @@ class Status:
         servo_id: The sender.
         data: The parameters, exactly the requested number of bytes.
         alarm_bits: The alarms that the servo reports; the data are still valid.
-        ambiguous: Whether it cannot be distinguished from the reply to an earlier request.
+        ambiguous: Whether the packet cannot be distinguished from the reply to an earlier request.
     """
 
     servo_id: int
@@ -40,7 +40,7 @@ class ReplyFault:
     Attributes:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: The fault, as a predicate of the servo's name: "does not answer".
+        found: Text that follows the servo's name in a message: "does not answer".
         alarm_bits: The alarms reported by a servo that refuses.
         sent: The request.
         received: Everything that was received.
@@ -59,12 +59,7 @@ Reply = Status | ReplyFault
 
 @dataclass(frozen=True, slots=True)
 class MemoryRange:
-    """A range of a servo's memory.
-
-    Attributes:
-        address: First byte.
-        size: Number of bytes.
-    """
+    """A range of a servo's memory: ``size`` bytes from ``address`` on."""
 
     address: int
     size: int
@@ -106,13 +101,7 @@ MAX_RETURN_DELAY_S = 254 * 2e-6
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """A status packet whose checksum is right.
-
-    Attributes:
-        servo_id: The sender.
-        error: The error byte.
-        data: The parameters.
-    """
+    """A status packet whose checksum is right: its sender, error byte and parameters."""
 
     servo_id: int
     error: int
@@ -147,23 +136,14 @@ class PacketCodec(Protocol):
         ...
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-        """Find the status packets.
-
-        Args:
-            data: The bytes so far.
-            sizes: Bytes of data in the expected replies.
-            final: Whether no more bytes will come.
-        """
+        """Find the status packets of the expected data sizes; ``final``: no more bytes come."""
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
         """Parse the bytes if they are exactly the expected replies, without errors and in order.
 
-        This is the fast path for a healthy line; ``scan`` handles everything else.
-
-        Args:
-            data: The bytes, as many as the replies have.
-            sizes: Bytes of data of each reply, by servo id in the order of the replies.
+        This is the fast path for a healthy line; ``scan`` handles everything else. ``sizes`` are
+        bytes of data by servo id, in the order of the replies.
         """
         ...
 

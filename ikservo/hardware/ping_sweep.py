@@ -1,7 +1,7 @@
 """Ping all ids at one baud rate, in every known framing.
 
 Feetech servos and Dynamixel protocol 1.0 use the same framing, so that one ping finds both;
-protocol 2.0 has its own.
+protocol 2.0 has its own framing.
 
 A reply contains the servo's id, so the next ping can be sent as soon as the wire is free; a reply
 that a slow adapter holds back arrives later and is assigned correctly.
@@ -31,15 +31,7 @@ class _PacketScanner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """A packet framing.
-
-    Attributes:
-        name: Name for messages.
-        families: The protocol families that use it.
-        ids: The ids that a servo can have.
-        ping_bytes: Length of the ping.
-        reply_bytes: Length of the reply.
-    """
+    """A packet framing, its protocol families, and the lengths of a ping and its reply."""
 
     name: str
     families: tuple[Family, ...]
@@ -93,7 +85,7 @@ class _Protocol2Framing:
         from ikservo.hardware.protocols import protocol2  # noqa: PLC0415
 
         self._protocol = protocol2
-        self._codec = protocol2.Protocol2Codec(too_long=0)  # it sends nothing
+        self._codec = protocol2.Protocol2Codec(too_long=0)  # this object sends nothing
 
     def ping(self, servo_id: int) -> bytes:
         body = bytes((0xFF, 0xFF, 0xFD, 0, servo_id, 3, 0, _PING))
@@ -103,12 +95,12 @@ class _Protocol2Framing:
         return self._codec.scan(data, (3,), final=final)
 
 
-_USB_FRAME_S = 0.001  # packets may leave the adapter this much closer together
+_USB_FRAME_S = 0.001  # packets may leave an adapter this much closer than they were sent
 _ECHO_ERROR = 1  # a ping of protocol 1 parses as a reply with this error byte
-_ADAPTER_DELAY_S = 0.040  # adapters keep bytes for up to 16 ms, busy machines for longer
+_ADAPTER_DELAY_S = 0.040  # adapters hold bytes back for up to 16 ms, busy machines for longer
 _QUIET_PINGS = 3  # pings of one id without a reply before giving up
-_RECENT_PINGS = 20  # pings whose replies an adapter may hold back
-_READ_CHUNK_BYTES = 4096  # bytes; more than arrive in any slot
+_RECENT_PINGS = 20  # latest pings whose replies an adapter may still hold back
+_READ_CHUNK_BYTES = 4096  # more than can arrive in any slot
 
 
 @dataclass(slots=True)
@@ -117,9 +109,9 @@ class PingResults:
 
     Attributes:
         frames: Every reply by id, in the order of arrival.
-        suspects: Ids in whose slot invalid bytes came: two servos at once, or noise.
-        junk: The number of such bytes.
-        echoes: Whether the adapter echoes.
+        suspects: Ids in whose slot invalid bytes came: two servos replied at once, or noise.
+        junk: The number of invalid bytes.
+        echoes: Whether the adapter returns what it sends.
     """
 
     frames: dict[int, list[StatusPacket]] = field(default_factory=dict[int, "list[StatusPacket]"])
@@ -137,16 +129,11 @@ def ping_ids(
     echoes: bool | None = None,
     one_by_one: bool = False,
 ) -> PingResults:
-    """Ping ids one after the other at the port's baud rate.
+    """Ping ids one after another at the port's baud rate.
 
-    Args:
-        port: The port.
-        framing: The packet framing.
-        servo_ids: The ids to ping; an id may occur several times.
-        on_ping: Called with the number of pings sent so far.
-        echoes: Whether the adapter echoes; None detects it, which takes several ids.
-        one_by_one: Whether to wait for each reply, and briefly for a second one, and to stop if the
-            first pings have no reply.
+    The same id may be given several times. If ``echoes`` is None, echoes are detected, which needs
+    several ids. With ``one_by_one``, wait for the reply to each ping, and briefly for a second
+    reply; end the sweep early if the first pings get no reply.
 
     Raises:
         PortLostError: The port is lost.
@@ -210,7 +197,7 @@ class _ScanReceiver:
     def make_results(self, ids: list[int], echoes: bool | None) -> PingResults:
         """Return the replies without the echoes of our own pings."""
         pinged, results = Counter(ids), self._results
-        if echoes is None:  # an adapter repeats every ping; a servo can only repeat its own
+        if echoes is None:  # an adapter repeats every ping, a servo only the ping of its id
             all_repeated = all(len(self._echo_frames(i)) >= pinged[i] for i in pinged)
             echoes = len(pinged) > 1 and all_repeated
         results.echoes = echoes

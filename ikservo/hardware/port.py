@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
-from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
+from ikservo.hardware.late_replies import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
 # The vendors' packet handlers call these methods by their camelCase names.
@@ -28,8 +28,8 @@ _VIRTUAL_S = (0.001, 0.020)
 
 _UNPLUGGED = {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF}
 _PACKETS_VARIABLE = "IKSERVO_PACKETS"
-_BUSY_WAIT_S = 0.000_15  # wake up this much earlier: the kernel is late, clocks differ
-_MIN_SLEEP_S = 0.000_15  # shorter sleeps cost more than they save
+_BUSY_WAIT_S = 0.000_15  # wake up this much earlier, because the kernel is late and clocks differ
+_MIN_SLEEP_S = 0.000_15  # shorter sleeps take more time than they save
 
 
 def _port_loss_exceptions() -> tuple[type[Exception], ...]:
@@ -55,7 +55,7 @@ class SdkPort:
         self.connect(transport, name, baud_rate)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Set the transport to use from now on; reset the measurements."""
+        """Set the transport that is used from now on; reset the measurements."""
         self.transport = transport
         self.name, self.baudrate = name, baud_rate
         virtual: Clock | None = getattr(transport, "clock", None)
@@ -67,16 +67,11 @@ class SdkPort:
         self.sent_all_s = self._packet_deadline_s = 0.0
 
     def wire_s(self, count: int) -> float:
-        """Compute how long a number of bytes is on the wire, seconds."""
+        """Compute the time that a number of bytes takes on the wire, seconds."""
         return count * _BITS_PER_BYTE / self.baudrate
 
     def expected_at_s(self, expected: int, delays_s: float) -> float:
-        """Return the time at which the reply to the last packet is complete if nothing is late.
-
-        Args:
-            expected: Bytes of the reply.
-            delays_s: Sum of the servos' return delays, seconds.
-        """
+        """Return the time when the last packet's reply is complete, after the return delays."""
         return max(self.sent_all_s, self.clock.now_s()) + self.wire_s(expected) + delays_s
 
     def read_until(self, size: int, deadline_s: float) -> bytes:
@@ -86,7 +81,7 @@ class SdkPort:
             PortLostError: The port is lost.
         """
         data = more = self._read_transport(size, deadline_s)
-        while more and len(data) < size:  # some transports return before all bytes have come
+        while more and len(data) < size:  # some transports return before all bytes have arrived
             more = self._read_transport(size - len(data), deadline_s)
             data += more
         return data
@@ -96,8 +91,8 @@ class SdkPort:
         try:
             if left_s <= 0:
                 return self.transport.read(min(size, self.transport.in_waiting))
-            # Setting a timeout may reconfigure the device, so it moves in steps of a tenth of a
-            # millisecond, and the same value is not set twice.
+            # Setting a timeout may reconfigure the device, so that it changes in steps of a tenth
+            # of a millisecond, and the same value is not set twice.
             timeout_s = ceil(left_s * 10_000 - 1e-6) / 10_000
             if self.transport.timeout != timeout_s:
                 self.transport.timeout = timeout_s
@@ -106,14 +101,14 @@ class SdkPort:
             raise self._port_lost_error(error) from error
 
     def read_some(self, size: int, deadline_s: float) -> bytes:
-        """Read the first bytes to arrive, up to ``size``; nothing once the deadline has passed."""
+        """Read the first bytes that arrive, up to ``size``; nothing if the deadline has passed."""
         first = self.read_until(1, deadline_s)
         return first + self.read_until(min(size - 1, self.getBytesAvailable()), 0.0)
 
     def sleep_until_due(self, expected: int) -> None:
-        """Sleep until ``expected`` bytes can have arrived, to wake up once for many packets.
+        """Sleep until ``expected`` bytes can have arrived, so as to wake up once for many packets.
 
-        Return delays are ignored, because they only add time. In virtual time there is no sleep.
+        Servos' return delays are ignored, because they only add time. Virtual time needs no sleep.
         """
         if self._virtual:
             return
@@ -144,7 +139,7 @@ class SdkPort:
             raise self._port_lost_error(error) from error
 
     def setPortName(self, port_name: str) -> None:
-        """Change the port's name in messages."""
+        """Change the name by which messages call the port."""
         self.name = port_name
 
     def getPortName(self) -> str:
@@ -217,7 +212,7 @@ class SdkPort:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if isinstance(self.transport, _ForeignTransport):
             return PortError(
-                f"{self.name} was opened before this process was forked, by its parent.",
+                f"{self.name} was opened by the parent process before the fork.",
                 "Open the port in the process that uses it, after the fork.",
             )
         # Systems and pyserial report an unplugged device differently.
@@ -253,7 +248,7 @@ class Port(SdkPort):
         abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Set another transport to use from now on; discard the measurements on the old one."""
+        """Set the transport that is used from now on; discard measurements on the old one."""
         super().connect(transport, name, baud_rate)
         self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
@@ -268,7 +263,7 @@ class Port(SdkPort):
                 self.is_using = False
 
     def stale_bytes(self, count: int) -> int:
-        """Compute how many of the bytes received since the request are older than it."""
+        """Compute how many of the bytes that came since the request were sent before it."""
         since_s = self.clock.now_s() - self.sent_all_s
         return self.byte_rate.excess_bytes(count - self._echo_bytes, since_s, self.wire_s(1))
 
@@ -278,15 +273,10 @@ class Port(SdkPort):
         return not (self.health.suspect or self.pending.any_pending)
 
     def on_reply(self, received: bytes | bytearray, reply_bytes: int) -> None:
-        """Update timing and echo detection from a complete reply.
-
-        Args:
-            received: Everything that came since the request.
-            reply_bytes: Bytes of the replies themselves.
-        """
+        """Update timing and echo detection from all that was received with a complete reply."""
         if self.sent in received[: len(received) - reply_bytes]:
             self.echoes = True
-        elif len(received) == reply_bytes:  # nothing else came, not even half an echo
+        elif len(received) == reply_bytes:  # no other byte came, not even a part of an echo
             self.echoes = False
         since_s = self.clock.now_s() - self.sent_all_s
         self.reply_timeout.on_reply(since_s - self.wire_s(len(received) - self._echo_bytes))
@@ -294,7 +284,7 @@ class Port(SdkPort):
 
     @property
     def _echo_bytes(self) -> int:
-        """Return the number of received bytes that may be our own."""
+        """Return the number of received bytes that may be an echo of our own."""
         return 0 if self.echoes is False else len(self.sent)
 
     def reopen(self) -> Port:
@@ -310,7 +300,7 @@ class Port(SdkPort):
         self.transport = _ForeignTransport(self.transport)
 
     def closePort(self) -> None:
-        """Close this opening, and with the last one the transport; a lost port is not an error."""
+        """Close this object, and after the last one the transport; a lost port is not an error."""
         with _opening:
             _openings.pop(self, None)
             if any(other.transport is self.transport for other in _openings):
@@ -330,7 +320,7 @@ class Port(SdkPort):
 
 
 class _ClosedTransport:
-    """Stands in for the transport in a closed port object while other port objects still use it."""
+    """Replaces the transport in a closed port object, because others still use the transport."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise OSError(errno.EBADF, "closed")
@@ -340,7 +330,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """Stands in for the transport of the parent process, which it keeps without closing it."""
+    """Replaces the transport of the parent process, which it keeps without closing it."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport
@@ -374,18 +364,13 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     """Open a port by its name, see ``open_transport``.
 
     If this process already has the device open for other servos at the same rate, the port is
-    shared; requests then wait for each other.
-
-    Args:
-        name: The port.
-        baud_rate: Rate in bit/s.
-        arm: The name of the arm for which it is opened.
-        servo_ids: The servos of this arm; without them the port is not shared.
+    shared; requests then wait for each other. If no ids of servos are given, the port is not
+    shared.
 
     Raises:
         PortError: The port does not exist, is busy or may not be opened.
     """
-    if not name or ":" in name or not servo_ids:  # none, simulated, remote, or for any servo
+    if not name or ":" in name or not servo_ids:  # no device, simulated, remote, or for any servo
         return Port(_open_line(name, baud_rate), name, baud_rate)
     own = _Opening(os.path.realpath(name), arm, frozenset(servo_ids))
     with _opening:
@@ -409,7 +394,7 @@ def _open_line(name: str, baud_rate: int) -> Transport:
     packets_path = os.environ.get(_PACKETS_VARIABLE)
     if not packets_path:
         return transport
-    from ikservo.hardware.packet_log import recorded_transport  # noqa: PLC0415  # seldom wanted
+    from ikservo.hardware.packet_log import recorded_transport  # noqa: PLC0415  # rarely needed
 
     try:
         return recorded_transport(transport, packets_path, name)
@@ -419,7 +404,7 @@ def _open_line(name: str, baud_rate: int) -> Transport:
 
 
 def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:
-    """Refuse an arm that cannot share an adapter with the arms already open on it."""
+    """Refuse an arm that cannot share an adapter with the arms that already use the adapter."""
     if port.baudrate != baud_rate:
         raise PortError(
             f"{port.name} is open at {port.baudrate} baud; {own.arm} needs {baud_rate}.",
@@ -427,6 +412,6 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
         )
     if any(other.arm == own.arm for other in others):
         raise PortError(
-            f"An arm named {own.arm} is open at {port.name}, with other servos.",
+            f"An arm named {own.arm} is open on {port.name} with other servos.",
             "Give each arm on an adapter its own name in arm.toml.",
         )

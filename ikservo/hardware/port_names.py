@@ -59,7 +59,7 @@ _SIMULATED = "sim"
 
 
 def is_simulated(port_name: str) -> bool:
-    """Check whether a port is the simulated bus in this process, which is new at each opening."""
+    """Check whether a port is a simulated bus in this process, which is new at each opening."""
     return port_name.partition(":")[0] == _SIMULATED
 
 
@@ -78,13 +78,7 @@ def serial_number_of(name: str) -> str:
 def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | None = None) -> None:
     """Open a lost port again as soon as its adapter is back; nothing is sent, nothing moves.
 
-    An adapter without a serial number is reopened under its old name only.
-
-    Args:
-        port: The port that was lost.
-        serial_number: From ``serial_number_of``, before the loss.
-        within_s: The time to wait for the adapter.
-        clock: The clock for the wait; the real one if None.
+    An adapter without a serial number is only reopened under its old name.
 
     Raises:
         PortLostError: The adapter did not come back in time.

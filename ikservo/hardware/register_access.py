@@ -115,12 +115,12 @@ class RegisterAccess:
         return number if raw else register.to_value(number)
 
     def write(self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False) -> None:
-        """Write a register of one servo and check its reply.
+        """Write a register of one servo and check the servo's reply.
 
-        A goal position is written only if torque is on, or within ``enabling``.
+        A goal position is written only if torque is on, or in a block of ``enabling``.
 
         Raises:
-            RegisterAccessError: The register forbids it; nothing was sent.
+            RegisterAccessError: The register forbids the write; nothing was sent.
             BusError: The servo refused, or sent no usable reply after retries.
         """
         servo = self._require_servo(servo_id)
@@ -134,7 +134,7 @@ class RegisterAccess:
             return isinstance(now, Status) and now.data == data
 
         if register is servo.table.torque_enable:
-            self._torque_on.discard(servo_id)  # until its reply confirms the state
+            self._torque_on.discard(servo_id)  # the state is unknown until the reply confirms it
         moves_servo = register in (servo.table.id, servo.table.baud_rate)
         self._requester.request(
             servo,
@@ -161,7 +161,7 @@ class RegisterAccess:
             self.write(servo_id, register, raw, raw=True)
             return
         if lock is None or not self.read(servo_id, lock, raw=True):
-            raise RegisterAccessError(str(servo), register.name, "it would be stored")
+            raise RegisterAccessError(str(servo), register.name, "the EEPROM would store the value")
         data = encode_value(servo, register, raw, raw=True)
         driver = self._requester.driver_of(servo)
         self._requester.request(
@@ -176,7 +176,7 @@ class RegisterAccess:
         """Prepare a write that ``action`` executes; never repeated after a lost reply.
 
         Raises:
-            RegisterAccessError: The register forbids it; nothing was sent.
+            RegisterAccessError: The register forbids the write; nothing was sent.
             BusError: The servo refused, or sent no usable reply.
         """
         servo = self._require_servo(servo_id)
@@ -197,7 +197,7 @@ class RegisterAccess:
     def action(self) -> None:
         """Execute the prepared writes of all servos at the same time.
 
-        The torque of servos with a prepared goal is read first, because it may have gone off since.
+        The torque of servos with a prepared goal is read first, because it may be off by now.
 
         Raises:
             RegisterAccessError: A goal is prepared for a servo whose torque is off now; nothing was
@@ -242,7 +242,7 @@ class RegisterAccess:
         return servo_id in self._torque_on
 
     def check_may_move(self) -> None:
-        """Raise if another program has stopped this one, because torque must then stay off.
+        """Raise an error if another program has stopped this one; torque must then stay off.
 
         Raises:
             StoppedError: Another program has stopped this one.
@@ -252,16 +252,13 @@ class RegisterAccess:
 
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
-        """Allow goals for servos without torque, within the block that switches torque on.
+        """Allow goals for servos without torque in the block, which switches torque on.
 
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
-        must be the servo's position. A servo whose torque was off and is not known to be on after
-        the block is switched off, in case its goal switched it on; if the block fails, this is done
-        for all such servos.
-
-        Args:
-            measured: The present position of each servo, raw ticks by id, read just before,
-                together with its torque.
+        must be the servo's position. If a servo's torque was off and is not known to be on after
+        the block, it is switched off, in case the goal switched it on; if the block fails, this is
+        done for all servos whose torque was off. ``measured`` are raw ticks by id, read just before
+        the block, together with the torque.
 
         Raises:
             StoppedError: Another program has stopped this one; see ``check_may_move``.
@@ -312,7 +309,7 @@ class RegisterAccess:
         Torque is read if it is not known to be on.
 
         Raises:
-            RegisterAccessError: Torque is off, and not being switched on at that position.
+            RegisterAccessError: Torque is off, and is not being switched on at the goal position.
             BusError: The torque is not known, and the servo does not reply.
         """
         if servo.id in self._torque_on or not is_goal(servo, register):
@@ -324,7 +321,7 @@ class RegisterAccess:
                 return
             self._refuse_waking(servo, register)
         if abs(goal_tick - measured_tick) > MAX_ENABLING_TICKS:
-            reason = f"{goal_tick} is far from {measured_tick}, where torque is switched on"
+            reason = f"{goal_tick} is too far from {measured_tick}, where torque is switched on"
             raise RegisterAccessError(str(servo), register.name, reason)
 
     @staticmethod
@@ -335,7 +332,7 @@ class RegisterAccess:
         )
 
     def _track_state(self, servo: ServoSpec, register: Register, number: int) -> None:
-        """Update the known torque state or alarms from a register value."""
+        """Update the known torque state, or the known alarms, from a register value."""
         if register is servo.table.torque_enable:
             (self._torque_on.add if number == 1 else self._torque_on.discard)(servo.id)
         elif RegisterName.ALARMS not in servo.table.missing and register is servo.table.alarms:

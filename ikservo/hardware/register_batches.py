@@ -18,7 +18,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Access, Area, Family, Register, RegisterName, TwosComplement, Unsigned
 
 MAX_GAP_BYTES = 8
-"""Unused bytes between two registers that take no longer than a second request to six servos."""
+"""Number of unused bytes that take no longer to read than a second request to six servos."""
 
 
 def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Register]]:
@@ -26,8 +26,8 @@ def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Re
 
     Args:
         registers: The registers of one servo.
-        gap: Maximum number of unused bytes between two registers of a run. Static registers are
-            then not combined with others, because they are read twice on a bad line.
+        gap: Maximum number of unused bytes between two registers of a run. Across unused bytes,
+            static registers are not combined with others, as they are read twice on a bad line.
     """
     rows = list(registers)
     if len(rows) == 1:
@@ -49,12 +49,7 @@ def _extends_run(last: Register, register: Register, gap: int) -> bool:
 def batches(
     own: Mapping[int, Collection[Register]], gap: int = 0
 ) -> Iterator[dict[int, list[Register]]]:
-    """Yield, for each request, the run of registers to read from each servo.
-
-    Args:
-        own: The registers to read from each servo, by id.
-        gap: See ``contiguous_runs``.
-    """
+    """Yield, for each request, the run of registers of each servo; see ``contiguous_runs``."""
     runs = {servo_id: contiguous_runs(registers, gap) for servo_id, registers in own.items()}
     for k in range(max((len(r) for r in runs.values()), default=0)):
         yield {servo_id: r[k] for servo_id, r in runs.items() if k < len(r)}
@@ -78,13 +73,7 @@ def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
 
 
 def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: bool) -> bytes:
-    """Encode the bytes that write a value.
-
-    Args:
-        servo: The owner of the register, for messages.
-        register: The servo's own register.
-        value: Value in the register's unit, or its integer.
-        raw: Whether the value is the raw integer.
+    """Encode the bytes that write a value in the register's unit, or its ``raw`` integer.
 
     Raises:
         RegisterAccessError: The register is read-only or the value does not fit.
@@ -132,7 +121,7 @@ class ReplyLayout:
         self.state_registers = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
         self._places = [(key, run.index(register)) for key, register in self.registers.items()]
         self._unpack = Struct(_struct_format(run)).unpack
-        self._coded = [  # those that ``struct`` does not support
+        self._coded = [  # the sizes that ``struct`` does not support
             (at, register)
             for at, register in enumerate(run)
             if not isinstance(register.codec, Unsigned | TwosComplement)
@@ -160,7 +149,7 @@ def is_goal(servo: ServoSpec, register: Register) -> bool:
 
 
 def _struct_format(run: Sequence[Register]) -> str:
-    """Return the ``struct`` format of these registers; the bytes between them are skipped."""
+    """Return the ``struct`` format of registers; the bytes between the registers are skipped."""
     at, letters = run[0].address, ">" if run[0].byte_order == "big" else "<"
     for register in run:
         letter = _LETTERS[register.size]
@@ -172,14 +161,14 @@ def _struct_format(run: Sequence[Register]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ReadBatch:
-    """Data that one request per family can read.
+    """The data that one request per family can read.
 
     Attributes:
         servos: The servos to read.
         spans: The memory range, by id.
         layouts: The layout of the reply, by id.
         description: Text for error messages.
-        is_static: Whether no value changes by itself.
+        is_static: Whether no value in the data changes by itself.
         groups: The spans of each family, which has its own request.
     """
 
@@ -206,7 +195,7 @@ class ReadPlan:
 
 @dataclass(frozen=True, slots=True)
 class WriteTarget:
-    """One servo's own register in a group write.
+    """The register of one servo in a group write.
 
     Attributes:
         place: The family, the address and the size of the register.
@@ -222,7 +211,7 @@ class WriteTarget:
 
 
 def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarget]:
-    """Find the servos' own registers for a group write.
+    """Find the register of each servo for a group write.
 
     Raises:
         UnknownNameError: A servo has no such register.
@@ -241,7 +230,7 @@ def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarg
 
 
 def plan_reads(refs: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
-    """Plan how to read each servo's own registers.
+    """Plan how to read the given registers of each servo.
 
     Raises:
         UnknownNameError: A servo has no such register.
@@ -283,10 +272,10 @@ def _group_by_family(
 
 
 def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-    """Read each servo's own range of memory.
+    """Read a range of memory of each servo.
 
-    This takes one sync read if all ranges are equal, otherwise one bulk read if the family supports
-    it, otherwise a sync read for each range, or a read of one servo after the other.
+    This takes one sync read if all ranges are equal; otherwise one bulk read if the family supports
+    it; otherwise a sync read for each range, or reads of one servo after another.
     """
     first = next(iter(spans.values()))
     if driver.can_sync_read and all(s is first or s == first for s in spans.values()):

@@ -14,15 +14,15 @@ from ikservo.hardware.serial_ports import line_hint
 from ikservo.hardware.servo import ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Family
 
-_UNRESPONSIVE_AFTER = 3  # consecutive losses
+_UNRESPONSIVE_AFTER = 3  # consecutive lost replies
 _PROBE_PERIOD_S = 0.25
 
 
 class SilenceBackoff:
-    """Decides in which cycles a silent servo of a group is read.
+    """Decides in which cycles a silent servo in a group read is read.
 
-    A servo that has lost three consecutive replies is read again every quarter of a second, until
-    it replies; in between, its last fault is repeated.
+    A servo that has not replied three times in succession is read every quarter of a second until
+    it replies; in between, its last fault is reported again.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class SilenceBackoff:
         return bool(self._lost)
 
     def cached_fault(self, servo_id: int, now_s: float) -> ReplyFault | None:
-        """Return the last fault of a servo to skip now, or None if it is to be read."""
+        """Return the last fault of a servo that is skipped now; None if the servo is to be read."""
         if not self._lost or self._lost.get(servo_id, 0) < _UNRESPONSIVE_AFTER:
             return None
         if now_s - self._requested_s[servo_id] >= _PROBE_PERIOD_S:
@@ -60,11 +60,7 @@ def make_driver(
 ) -> ProtocolDriver:
     """Make a driver for a family of servos; the vendor's SDK is imported on this call.
 
-    Args:
-        family: The protocol family.
-        port: The port.
-        fast: Whether the family's fastest group read is tried first.
-        bulk_ids: Servos of protocol 1.0 that support bulk read.
+    Servos in ``bulk_ids`` have protocol 1.0 and support bulk read.
     """
     if family is Family.DYNAMIXEL_2:
         from ikservo.hardware.protocols.dynamixel import DynamixelDriver  # noqa: PLC0415
@@ -82,13 +78,7 @@ def make_driver(
 def silence_hint(
     chain: Iterable[ServoSpec], replying: Collection[int], silent: Collection[int]
 ) -> str:
-    """Return a hint on what to check, based on which servos reply.
-
-    Args:
-        chain: The servos in their order along the cable.
-        replying: Ids that replied.
-        silent: Ids that did not reply.
-    """
+    """Return a hint on what to check, based on which servos along the cable reply."""
     requested = [servo for servo in chain if servo.id in replying or servo.id in silent]
     if not replying:
         return (
@@ -100,14 +90,14 @@ def silence_hint(
     if first and all(servo.id in silent for servo in requested[first:]):
         replying_ids = [servo.id for servo in requested if servo.id in replying]
         return (
-            f"{_describe_silent(silent_ids)}, {_format_ids(replying_ids)} "
-            f"{'answers' if len(replying_ids) == 1 else 'answer'}: "
-            f"check the cable from {_servo_label(requested[first - 1])} "
+            f"{_describe_silent(silent_ids)}; {_format_ids(replying_ids)} "
+            f"{'answers' if len(replying_ids) == 1 else 'answer'}. "
+            f"Check the cable from {_servo_label(requested[first - 1])} "
             f"to {_servo_label(requested[first])}."
         )
     its = "its" if len(silent_ids) == 1 else "their"
     return (
-        f"{_describe_silent(silent_ids)}, the others do. Check {its} connector, id and baud rate."
+        f"{_describe_silent(silent_ids)}; the others do. Check {its} connector, id and baud rate."
     )
 
 
@@ -176,13 +166,8 @@ class Requester:
     ) -> bytes:
         """Send one request, with retries.
 
-        Args:
-            servo: The servo.
-            request: Description of the request, for errors.
-            exchange: Sends the request once and returns the reply.
-            repeat: Whether it may be repeated after a lost reply. If not, it is sent only when no
-                older reply can be mistaken for its own.
-            confirm: Checks a doubtful reply.
+        A request that may not be repeated is sent only when no earlier reply can be mistaken for
+        the reply to it. ``confirm`` checks a doubtful reply; errors name the ``request``.
 
         Raises:
             BusError: There was no usable reply, or the servo refused.
@@ -243,7 +228,7 @@ class Requester:
         )
 
     def _diagnose_silence(self) -> str:
-        """Return a hint based on the latest replies of the other servos on the chain."""
+        """Return a hint that is based on the latest replies of the other servos on the cable."""
         requested = {i: counts for i, counts in self.statistics.items() if counts.requests}
         silent = [i for i, counts in requested.items() if counts.lost_in_a_row]
         replying = [i for i, counts in requested.items() if not counts.lost_in_a_row]
@@ -266,7 +251,7 @@ class Requester:
             reply.ambiguous or (self.port.health.suspect and confirm)
         ):
             return reply
-        if confirm is None:  # no way to compare: repeat when no reply is pending
+        if confirm is None:  # a second reading cannot confirm this: repeat when no reply is pending
             self.driver_of(servo).transceiver.wait_for_pending((servo.id,))
             return self._request_once(servo, exchange)
         if confirm(reply):

@@ -15,8 +15,8 @@ from ikservo.hardware.requester import make_driver
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import MODELS, ControlTable, Family, RegisterName, control_table_for_number
 
-_MAX_RETRIES = 8  # pings of one id; two servos rarely send equal replies so often
-_DUPLICATE_REPLIES = 2  # damaged or doubled replies; one may be chance
+_MAX_RETRIES = 8  # number of pings of one id; two servos rarely send equal replies so often
+_DUPLICATE_REPLIES = 2  # damaged or doubled replies that prove two servos; one may be chance
 _READS = 4
 _HEAD_BYTES = 8  # the first registers of protocol 1: model, firmware and id are among them
 
@@ -94,7 +94,7 @@ def _identify_model(port: Port, framing: Framing, found: FoundServo, data: bytes
     for table in tables:
         model, own_id = table.model_number, table.id
         if own_id.decode(head[own_id.address : own_id.end]) != found.id:
-            continue  # the memory has another layout
+            continue  # the memory of this family has another layout
         number = model.decode(head[model.address : model.end])
         if number == table.number:
             return replace(found, model_number=number, table=table)
@@ -155,14 +155,7 @@ _COMMON_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 50
 
 @dataclass(frozen=True, slots=True)
 class ScanProgress:
-    """Progress of a scan.
-
-    Attributes:
-        baud_rate: The current rate.
-        protocol: The current framing.
-        pinged: Ids pinged so far at this rate and framing.
-        ids: The number of ids.
-    """
+    """Progress of a scan at one rate and framing: number of ids pinged so far, and of all ids."""
 
     baud_rate: int
     protocol: str
@@ -175,11 +168,7 @@ OnScanStep = Callable[[ScanProgress], None]
 
 
 def candidate_baud_rates(first: int | None = None) -> list[int]:
-    """Return every rate that a known model supports, the likely ones first.
-
-    Args:
-        first: A rate to begin with.
-    """
+    """Return all rates that known models support: ``first``, if given, then the likely rates."""
     known = frozenset[int]().union(*(framing.baud_rates for framing in FRAMINGS))
     rates = [first] if first else []
     rates += [rate for rate in _COMMON_RATES if rate in known]
@@ -193,15 +182,10 @@ def scan(
     all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Return the servos that reply, at the first rate at which any servo does.
+    """Return the servos that reply at the first rate at which any servo replies.
 
-    The port is left at the rate of the last servo that was found.
-
-    Args:
-        port: The port.
-        rates: Rates to try, in this order; None: all known rates.
-        all_rates: Whether to continue to the last rate.
-        on_step: Called with the progress.
+    The port is left at the rate of the last servo that was found. With ``all_rates``, the scan
+    continues to the last of the rates, which by default are all known rates.
 
     Raises:
         PortLostError: The port is lost.
@@ -235,7 +219,7 @@ def scan_rate(
     framings: Iterable[Framing] = FRAMINGS,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Return the servos that reply at one rate, by id; none if the adapter does not support it.
+    """Return the servos that reply at one rate, by id; empty if the adapter does not support it.
 
     Raises:
         PortLostError: The port is lost.
@@ -274,13 +258,7 @@ def scan_port(
     all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Open a port, return the servos that reply on it, and close it.
-
-    Args:
-        name: The port.
-        rates: Baud rates, tried in this order.
-        all_rates: Whether to continue after the first rate at which servos reply.
-        on_step: Called with the progress.
+    """Open a port, return the servos that reply on it, and close it; see ``scan``.
 
     Raises:
         PortError: The port cannot be opened, or is lost.

@@ -21,14 +21,14 @@ from ikservo.hardware.vendor_modules import importing_from
 with importing_from("pyserial", "serial"):
     from serial.tools import list_ports
 
-_PROCESSES = Path("/proc")  # Linux only; elsewhere no process is named
+_PROCESSES = Path("/proc")  # exists on Linux only; on other systems no process is named
 
 
 def process_using(device: str) -> str:
     """Return ``command (process 123)`` of a process that has the device open, or empty."""
     target = Path(device).resolve()
     for process in _PROCESSES.glob("[0-9]*"):
-        with contextlib.suppress(OSError):  # another user's process, or it has just ended
+        with contextlib.suppress(OSError):  # the process is another user's, or has just ended
             if any(link.readlink() == target for link in (process / "fd").iterdir()):
                 return f"{_process_command(process)} (process {process.name})"
     return ""
@@ -45,7 +45,7 @@ def _process_command(process: Path) -> str:
 _BY_ID = Path("/dev/serial/by-id")  # Linux: links named after maker, product and serial number
 
 # fmt: off
-#        vendor  product  chip, and the boards it is known from
+#        vendor  product  chip, and boards that are known to have it
 _CHIPS = {
     (0x1A86, 0x55D3): "CH343 (Feetech, Waveshare)",
     (0x1A86, 0x55D4): "CH9102",
@@ -108,7 +108,7 @@ class AdapterEvent:
 def list_adapters() -> list[SerialAdapter]:
     """List the adapters that are plugged in, by device name."""
     links: dict[str, str] = {}
-    with contextlib.suppress(OSError):  # no such folder: no adapter, or not Linux
+    with contextlib.suppress(OSError):  # the folder does not exist: no adapter, or not Linux
         links = {str(link.resolve()): str(link) for link in _BY_ID.iterdir()}
     found = [
         SerialAdapter(
@@ -135,12 +135,7 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
 
 
 def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterator[AdapterEvent]:
-    """Yield an event whenever an adapter is plugged in or unplugged; never ends.
-
-    Args:
-        clock: The clock; the real one if None.
-        period_s: Time between two polls.
-    """
+    """Yield an event whenever an adapter is plugged in or unplugged; never ends."""
     clock, before = clock or RealClock(), list_adapters()
     while True:
         clock.sleep_until(clock.now_s() + period_s)
@@ -194,11 +189,11 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return ``hint``, which is about plugs and cables, or another hint for a pseudo-terminal."""
+    """Return ``hint``, which is about plugs and cables; for a pseudo-terminal, another hint."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (
-        "A simulated bus has no plugs: reduce the computer's load, then check the ids and the "
+        "A simulated bus has no plugs. Reduce the computer's load, then check the ids and the "
         "options of the simulator."
     )
 
@@ -209,13 +204,7 @@ _URL_FORMATS = "a network port is written as socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Return an error that explains why a port did not open and what the user can do.
-
-    Args:
-        name: The name that the user gave.
-        baud_rate: The requested rate.
-        error: The error of the system or of pyserial.
-    """
+    """Return an error that explains why a port did not open and what the user can do."""
     code = error.errno if isinstance(error, OSError) else None
     if code in _BUSY:
         return PortBusyError(name, process_using(name))
@@ -263,7 +252,7 @@ def _permission_hint(name: str) -> str:
     with contextlib.suppress(OSError, KeyError):
         group = Path(name).group()
     return (
-        f"Add yourself to its group, then log in again: sudo usermod -aG {group} $USER "
+        f"Add yourself to the port's group, then log in again: sudo usermod -aG {group} $USER "
         '(or a udev rule with TAG+="uaccess").'
     )
 

@@ -14,13 +14,7 @@ from ikservo.registers import Alarm, ControlTable
 
 @dataclass(frozen=True, slots=True)
 class ServoSpec:
-    """A servo that is expected on the bus.
-
-    Attributes:
-        id: The bus id.
-        table: The control table.
-        name: The joint name, for messages.
-    """
+    """A servo that is expected on the bus; its name, which is the joint's, is for messages."""
 
     id: int
     table: type[ControlTable]
@@ -32,13 +26,7 @@ class ServoSpec:
 
 @dataclass(frozen=True, slots=True)
 class PingResult:
-    """The identity that a servo reports.
-
-    Attributes:
-        id: The id that replied.
-        model_number: The model register.
-        firmware: Firmware version, if the protocol's ping reply contains it.
-    """
+    """The identity that a servo reports; not every protocol reports the firmware version."""
 
     id: int
     model_number: int
@@ -81,7 +69,7 @@ class ServoStatistics:
         self.round_trips_s.append(took_s)
 
     def round_trip_s(self, quantile: float) -> float | None:
-        """Compute the quantile of the latest round trips, seconds; None if there are none."""
+        """Compute a quantile of the latest round trips, seconds; None without round trips."""
         ordered = sorted(self.round_trips_s)
         return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
 
@@ -112,12 +100,12 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Readings(Generic[T_co]):
-    """Result of a group read; if some servos fail, the values of the others are kept.
+    """Result of a group read; if some servos fail, it has the values of the others.
 
     Attributes:
         values: The value of each servo that replied.
-        errors: The error of each other servo.
-        alarms: Alarms received with the values; servos without alarms are missing.
+        errors: The error of each servo that did not reply.
+        alarms: Alarms received with the values; servos without alarms are left out.
         hint: The most likely cause if servos are silent.
     """
 
@@ -127,10 +115,10 @@ class Readings(Generic[T_co]):
     hint: str = ""
 
     def require_all(self) -> Mapping[int, T_co]:
-        """Return the values if there is one from every servo.
+        """Return the values if every servo has sent its value.
 
         Raises:
-            BusError: Values are missing; all these servos are named.
+            BusError: Values are missing; all servos without a value are named.
         """
         if not self.errors:
             return self.values

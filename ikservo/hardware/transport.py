@@ -106,16 +106,16 @@ class FileDescriptorPort:
         return len(data)
 
 
-_MAX_COMMAND_CHARS = 80  # characters that fit into a message
+_MAX_COMMAND_CHARS = 80  # number of characters that fit into a message
 _MAX_LOCK_BYTES = 4096
 
 
 class PortLock:
     """A locked file that names the process that uses a device.
 
-    The kernel releases the lock when the process ends, however it ends; the file stays, which is
-    harmless. All names of one device lead to the same file. On a system without such locks
-    (Windows) the device can be opened only once anyway.
+    The kernel releases the lock when the process ends, in whatever way it ends; the file stays,
+    which is harmless. All names of one device lead to the same file. On a system without such locks
+    (Windows), a device can be opened only once anyway.
     """
 
     def __init__(self, descriptor: int | None = None) -> None:
@@ -135,7 +135,7 @@ class PortLock:
 
 
 def acquire_lock(device: str) -> PortLock:
-    """Take the lock of a device; Windows itself lets one program at a time open a serial port.
+    """Lock a device; Windows itself lets only one program at a time open a serial port.
 
     Raises:
         PortBusyError: Another process, or another part of this one, holds the lock; it is named.
@@ -149,7 +149,7 @@ def acquire_lock(device: str) -> PortLock:
     name = os.path.realpath(device).replace(os.sep, "-").strip("-")
     descriptor = _open_lock_file(Path(tempfile.gettempdir()) / f"ikservo-{name}.lock")
     if descriptor is None:
-        return PortLock()  # another user's unreadable file: opening the device decides
+        return PortLock()  # another user's file: opening the device shows whether it is free
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -166,7 +166,7 @@ def acquire_lock(device: str) -> PortLock:
 
 
 def _open_lock_file(path: Path) -> int | None:
-    """Open the lock file: for writing if it is ours, for reading if it is another user's."""
+    """Open the lock file: for writing if it belongs to this user, otherwise for reading."""
     for flags in (os.O_RDWR | os.O_CREAT, os.O_RDWR, os.O_RDONLY):
         with contextlib.suppress(OSError):
             return os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
@@ -223,7 +223,7 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         baud_rate: Rate in bit/s.
 
     Raises:
-        InputError: A plug-in cannot use the text after its name: its opener raises a ValueError.
+        InputError: A plug-in cannot use the text after its name: its function raises a ValueError.
         NoPortError: There is no such port.
         PortBusyError: Another program has it open.
         PortError: The port may not be opened.
@@ -245,7 +245,7 @@ def open_transport(name: str, baud_rate: int) -> Transport:
 
 
 def refuse_other_machines(name: str) -> None:
-    """Refuse the address of an arm on another machine if its servos' port is needed.
+    """Refuse the address of an arm on another machine, because the port of its servos is needed.
 
     Raises:
         PortError: The name is such an address.
@@ -280,15 +280,15 @@ def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int)
 def _open_serial(name: str, baud_rate: int) -> serial.Serial:
     opener = rfc2217.Serial if name.startswith("rfc2217://") else serial.serial_for_url
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # pyserial's own, in its RFC 2217
+        warnings.simplefilter("ignore", DeprecationWarning)  # pyserial raises this one in RFC 2217
         port = opener(
             name,
             baudrate=baud_rate,
             timeout=0,
             write_timeout=None if "://" in name else _WRITE_TIMEOUT_S,
-            exclusive=None if "://" in name else True,  # a URL's other end may not know of locks
+            exclusive=None if "://" in name else True,  # a URL's other end may not support locks
         )
-    # An FTDI adapter has a latency of 16 ms; 1 ms is possible. Others have no such setting.
+    # An FTDI adapter has a latency of 16 ms; 1 ms is possible. Other adapters have no such setting.
     set_low_latency = cast(
         "Callable[[bool], None] | None", getattr(port, "set_low_latency_mode", None)
     )
@@ -307,7 +307,8 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
 class _LockedTransport:
     """A pyserial port and its lock, which is released when the port is closed.
 
-    Both belong to the process that opened them: ``abandon`` closes a forked child's copies.
+    Port and lock belong to the process that opened them: ``abandon`` closes a forked child's
+    copies.
 
     Setting pyserial's ``timeout`` reconfigures the device, even over the network, although only
     ``read`` uses the value. If possible, the value is therefore set without pyserial.
@@ -372,6 +373,6 @@ class _LockedTransport:
         try:
             self._port.close()
         finally:
-            if connection is not None:  # pyserial drops it if the other end closes first
+            if connection is not None:  # pyserial loses the socket if the other end closes first
                 connection.close()
             self._lock.release()

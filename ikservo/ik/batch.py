@@ -40,7 +40,7 @@ from ikservo.kernels.layout import (
 from ikservo.kinematics import Chain, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats, freeze_arrays
 
-# Large enough that distributing work costs nothing, small enough that all cores end together.
+# Targets per task: enough that distribution costs nothing, few enough that all cores end together.
 _CHUNK = 256
 
 
@@ -52,7 +52,8 @@ class BatchResult:
         q: Joints (m, dof), rad or m, always inside the limits.
         reached: Whether position and orientation are within the tolerance (m,).
         position_error_m: Distance from the target point (m,).
-        orientation_error_rad: Angle from the target direction or orientation (m,); 0 if none.
+        orientation_error_rad: Angle from the target direction or orientation (m,); 0 if only the
+            position counts.
         iterations: Number of steps, including restarts (m,).
     """
 
@@ -175,7 +176,9 @@ def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
         shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
         starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
     if starts.size and float(np.abs(starts).max()) > MAX_ANGLE_RAD:
-        raise BadValueError("A start", f"{np.abs(starts).max():g}", "radians or metres to 1e6")
+        raise BadValueError(
+            "A start", f"{np.abs(starts).max():g}", "radians or metres, at most 1e6"
+        )
     return np.array(starts, order="C")
 
 

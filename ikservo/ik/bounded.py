@@ -71,10 +71,10 @@ _TRACED = 2000
 def bounded(
     chain: Chain, target: Target, q0: Vector, options: Options, first: Sequence[Vector] = ()
 ) -> Result:
-    """Search from q0, then from the points of ``first``, then from a fixed table.
+    """Search from q0, then from the starting points in ``first``, then from those in a fixed table.
 
     If q0 leads to a solution, the search ends; otherwise the result is the nearest to q0 of the
-    first few solutions, or the closest approach over all starting points if there is no solution.
+    first few solutions, or the closest approach of all searches if there is no solution.
     """
     if first or options.trace:
         return Search(chain, target, options, first).solve(chain, target, q0)
@@ -89,7 +89,7 @@ class Search:
 
     Args:
         chain: The arm.
-        target: A target; the search also solves others with the same frame, offset and tool axis.
+        target: A target; others with the same frame, offset and tool axis can also be solved.
         options: Limits and priorities.
         first: Starting points (dof,) in addition to the table.
     """
@@ -106,7 +106,7 @@ class Search:
         worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
         self._question, self._start = worker.question.reshape(4, 3), worker.start[0]
         self._answer, self._trace = worker.answer[0], worker.trace
-        load_kernel()  # if it is not compiled, its module registers it
+        load_kernel()  # a kernel that is not compiled is registered by its module
         run = bind(
             "solve_all", ready.arm, worker.question, pack_settings(kind, chain.dof, options),
             worker.start, seeds, worker.work, worker.scores, worker.trace, worker.answer,
@@ -133,11 +133,11 @@ class Search:
 
 
 _Key = tuple[bool, str | None, bytes, bytes, Options]
-"""Cache key: whether the orientation is free, frame, point, axis for a direction, options."""
+"""Cache key: whether the orientation is free; frame, point, axis for a direction; options."""
 
 
 class _Searches(threading.local):
-    """Cache of a thread's prepared searches: the most recent ones of each chain."""
+    """Cache of a thread's prepared searches: the most recent searches for each chain."""
 
     def __init__(self) -> None:
         self._prepared = WeakKeyDictionary[Chain, dict[_Key, Search]]()

@@ -53,8 +53,8 @@ PoseKernel = Callable[[ArrayLike, ArrayLike], int]
 _FLOAT64 = np.dtype(np.float64)
 # A start this close to the last result continues its path.
 _SAME_RAD = 0.01
-# From this bend on it is clear to which side the arm bends. Redundant joints are also moved away
-# from their limits by up to this angle, because they would block there later.
+# With at least this bend it is clear to which side the arm bends. Redundant joints are also moved
+# away from their limits by up to this angle, because they would block at a limit later.
 _MIN_BEND_RAD = 0.3
 
 
@@ -63,7 +63,7 @@ class BranchMemory:
 
     When its target is out of reach, an arm stretches until it is straight, and could then bend to
     either side. When a target is in reach again, the search therefore starts from joints slightly
-    bent towards the last ones that reached a target.
+    bent towards the last joints that reached a target.
 
     Args:
         dof: Number of joints.
@@ -99,9 +99,9 @@ class Solver:
 
     A call is ``solve(…, nearest=False)``: it starts at ``q0`` and restarts elsewhere if that fails.
     Joints that do not move the point stay at ``q0``. ``track`` follows a path: it searches from
-    ``q0`` only, never jumps to another branch, and moves as near as it can if a limit blocks. If a
-    path that continues from the last result has stretched the arm straight, the arm bends back to
-    the side from which it came.
+    ``q0`` only, never jumps to another branch, and moves as near to the target as it can if a limit
+    blocks. If a path that continues from the last result has stretched the arm straight, the arm
+    bends back to the side from which it came.
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.
@@ -174,7 +174,7 @@ class Solver:
     def __call__(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
     ) -> tuple[Vector, bool]:
-        """Return joints (dof,) for the pose (4, 4), near ``q0`` (dof,), and whether they reach.
+        """Return joints (dof,) for a pose (4, 4), near ``q0`` (dof,), and whether they reach it.
 
         The joints are written to ``out`` (dof,) if given; otherwise to a new array.
 
@@ -189,7 +189,7 @@ class Solver:
     ) -> tuple[Vector, bool]:
         """Compute the joints on the branch of ``q0``, and whether they reach the target.
 
-        Args and errors are those of a call; if a limit blocks, ``result`` names it.
+        Arguments and errors are those of a call; if a limit blocks, ``result`` names the limit.
         """
         solve = self._solve_drooping
         q, reached = solve(self._track, T_world_tool, q0, out)
@@ -236,7 +236,7 @@ class Solver:
         try:
             status = solve(T, q0)
         except (TypeError, ValueError, BufferError):
-            status = NOT_HOMOGENEOUS  # the arrays are not as the kernel needs them
+            status = NOT_HOMOGENEOUS  # the arrays do not have the types that the kernel needs
         if status == IS_REACHED and out is None:  # most calls end here
             return self._joints.copy(), True
         if status < 0:
@@ -272,6 +272,6 @@ class Solver:
         """Raise the error for a target that the kernel did not accept."""
         start = finite_vector(q0, self.chain.dof, "q0")
         if float(np.abs(start).max()) > MAX_ANGLE_RAD:
-            raise BadValueError("q0", start.tolist(), "radians or metres to 1e6")
+            raise BadValueError("q0", start.tolist(), "radians or metres, at most 1e6")
         check_position(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
         raise BadValueError("The rotation of T_world_tool", "invalid", "R Rᵀ = 1 and det R = 1")

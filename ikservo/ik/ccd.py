@@ -35,7 +35,8 @@ def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
         for joint in reversed(range(chain.dof)):
             step = np.zeros(chain.dof)
             step[joint] = _best_joint_step(chain, current, joint)
-            # On a circle or a line this is downhill; not always if other joints follow this one.
+            # On a circle or a line this step reduces the error, but not always if other joints
+            # mimic this one.
             if step[joint]:
                 current = backtrack(task, current, step)
         return current
@@ -62,7 +63,7 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
 
 def best_translation(E: Vector, v: Vector) -> float:
-    """Compute the distance along v (m,) that brings the tip nearest to the target."""
+    """Compute the distance along ``v`` (m,) that brings the tip nearest to the target."""
     size = float(v @ v)
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 

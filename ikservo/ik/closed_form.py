@@ -46,7 +46,7 @@ def refine_newton(chain: Chain, target: Target, q: Vector) -> Vector | None:
 
 
 def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
-    """Return q + J⁺ E, without the joints that would leave their limits."""
+    """Return q + J⁺ E, computed without the joints that would leave their limits."""
     free = np.ones(chain.dof, dtype=np.bool_)
     while True:
         moved = q + np.linalg.pinv(J * free, rcond=_TRUNCATE) @ E
@@ -58,10 +58,10 @@ def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
 
 # Two solutions this close [rad] are the same, found with different rounding.
 _ONE_SOLUTION_RAD = 1e-7
-# Wrist positions to try, as fractions of the ranges, if that of the start finds no solution.
+# Wrist positions to try, as fractions of the ranges, if the start's own gives no solution.
 _WRIST_SAMPLES = (0.5, 0.2, 0.8, 0.02, 0.98)
-# Axes that are not quite parallel increase the orientation error by up to this factor, most near
-# the yaw axis. Refinement decides between solutions.
+# Axes that are not quite parallel increase the orientation error by up to this factor, most of all
+# near the yaw axis. Refinement decides between solutions.
 _MISSED_PER_DEVIATION = 1e3
 
 
@@ -119,7 +119,8 @@ def _with_another_wrist(
 ) -> Iterator[tuple[Candidate, ...]]:
     """Yield candidates for six joints whose wrist leaves its start position.
 
-    In the first, the forearm's roll is zero, which gives three parallel links; the wrists differ.
+    The first candidates have the forearm's roll at zero, which gives three parallel links; the
+    others have other wrist positions.
     """
     arm, start = problem.arm, problem.start
     if arm.with_wrist_locked:
@@ -130,7 +131,7 @@ def _with_another_wrist(
 
 
 def rank_by_distance(found: Iterable[Vector], start: Vector) -> tuple[Vector, ...]:
-    """Sort the solutions (dof,) by distance to the start, without duplicates."""
+    """Sort the solutions (dof,) by distance from the start, and remove duplicates."""
     kept: list[Vector] = []
     for q in sorted(found, key=lambda q: float((q - start) @ (q - start))):
         if not any(_is_same_solution(q, other) for other in kept):
@@ -186,9 +187,9 @@ def closest_solution(
 ) -> tuple[Vector, ...]:
     """Find joints (dof,) that come closest to an unreachable target, if a closed form gives them.
 
-    A planar arm comes to the nearest point. An arm whose wrist cannot help meets the point and
-    rotates the tool as far as the limits allow. The best joints are among the returned ones; all
-    are inside the limits.
+    A planar arm comes to the reachable point nearest the target. An arm whose wrist cannot help
+    meets the point and rotates the tool as far as the limits allow. The best joints are among the
+    returned ones; all are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:
@@ -199,7 +200,7 @@ def closest_solution(
         return rank_by_distance(in_plane, start) or _nearest_stretched(problem, 0.0)
     if target.only_position or len(arm.wrist) > 1:
         return ()
-    # Roll or yaw may be able to trade the point against the direction.
+    # Roll or yaw may be able to improve the direction at the cost of the point.
     amplitudes = [problem.tip.amplitude, *(aim.tool.amplitude for aim in problem.aims)]
     yaws = problem.point.angles_at_normal(problem.tip.normal_part(problem.start_roll))
     if yaws is None or max(amplitudes) > NO_FREEDOM:
@@ -240,8 +241,7 @@ def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ..
 def closed_form(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Return the solution nearest the start, or the closest posture if that is known exactly.
 
-    If neither is known, ``bounded`` searches from the nearest closed-form postures, and ``method``
-    of the result is "bounded".
+    Otherwise ``bounded`` searches from the nearest closed-form postures; ``method`` is "bounded".
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
 

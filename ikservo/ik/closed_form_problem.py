@@ -3,7 +3,7 @@
 Undoing the yaw φ brings the target point M and the target directions d to the arm's plane; the roll
 ψ moves the tool point w and the tool axes a. Planar joints rotate the component along the plane by
 α and keep the component across it. A solution therefore satisfies ``M(φ) = w(ψ)`` and ``d(φ) =
-a(ψ)`` across the plane, and a planar problem along it.
+a(ψ)`` across the plane, and solves a planar problem along the plane.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class AxisConstraint:
     tool: CircleTrace
 
     def phase_product(self, yaw_rad: float, roll_rad: float) -> complex:
-        """Return d ā along the plane: its phase is the angle α that rotates a to d."""
+        """Return d ā along the plane; the phase of this product is the angle α from a to d."""
         return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
 
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
-        """Compute the distance between d and a rotated by α, about equal to their angle [rad]."""
+        """Compute the distance of d from a rotated by α: about the angle between the two [rad]."""
         along = self.target.in_plane_part(yaw_rad)
         along -= cmath.rect(1.0, alpha_rad) * self.tool.in_plane_part(roll_rad)
         across = self.target.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
@@ -66,7 +66,7 @@ def tool_at_zero(arm: ArmStructure, target: Target) -> Matrix:
     return arm.tool @ make_pose(target.offset_m)
 
 
-# A direction whose part along the plane is this small has no usable angle in it.
+# A direction whose part along the plane is this small has no usable angle in the plane.
 _NO_ANGLE = 1e-9
 
 
@@ -85,7 +85,7 @@ class AnalyticProblem:
     Attributes:
         arm: The structure of the arm.
         start: The start (dof,), which may be outside the limits.
-        held: The start, clamped to the limits, which joints without influence keep.
+        held: The start, clamped to the limits; joints without influence on the target stay there.
         point: The circle of the target point about the yaw axis.
         tip: The circle of the tool point about the roll axis.
         aims: The axis constraints: none, one for a direction, three for an orientation.
@@ -109,7 +109,10 @@ class AnalyticProblem:
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:
-        """Yield the yaws inside the limits with the target point at ``across`` from the plane."""
+        """Yield the yaws within the limits that put the target point at a distance from the plane.
+
+        ``across`` is this distance from the plane of the arm, metres.
+        """
         angles = self.point.angles_at_normal(across)
         for angle in (self.start_yaw,) if angles is None else angles:
             if (yaw := self.yaw_within_limits(angle)) is not None:
@@ -145,9 +148,9 @@ class AnalyticProblem:
     def planar_candidates(
         self, yaw_rad: float, roll_rad: float, *, bend: bool
     ) -> Iterator[Candidate]:
-        """Yield the planar solutions with the tool rotated as required.
+        """Yield the planar solutions with the tool in the required direction.
 
-        If the limits forbid that and ``bend`` is set, the nearest allowed direction is used.
+        If the limits forbid this direction and ``bend`` is set, the nearest allowed one is used.
         """
         plane = self.arm.plane
         links = plane.links(self.tip.in_plane_part(roll_rad))
@@ -172,7 +175,7 @@ class AnalyticProblem:
         return Candidate(self.joints(yaw_rad, angles, (roll_rad,)), max(misses, default=0.0))
 
     def joints(self, yaw_rad: float, angles: Angles, wrist_rad: Sequence[float]) -> Vector:
-        """Return q (dof,): the start, with yaw, planar angles and the first wrist joints set."""
+        """Return q (dof,): the start with other yaw, planar angles and first wrist joints."""
         arm, q = self.arm, self.held.copy()
         if arm.yaw:
             q[arm.yaw.column] = yaw_rad
@@ -186,7 +189,7 @@ class AnalyticProblem:
 def make_problem(
     chain: Chain, arm: ArmStructure, target: Target, q0: Vector, wrist_rad: Sequence[float] = ()
 ) -> AnalyticProblem:
-    """Express a target by the circles of the arm; wrist joints behind the roll are held.
+    """Express a target by the circles of the arm; wrist joints after the roll are held.
 
     The held joints keep the start's angles; ``wrist_rad`` replaces those of the first wrist joints.
     """

@@ -1,8 +1,9 @@
 """Recognise an arm's kinematic structure: parallel and intersecting axes.
 
 With all joints at zero, every joint axis is a line in space. Parallel lines define the plane of the
-arm; a first line across them is the base yaw, the lines behind them are the wrist. Offsets of any
-kind are allowed, because rotations of parallel joints never change the component across the plane.
+arm; a line at a right angle before them is the base yaw, and the lines after them are the wrist.
+Offsets of any kind are allowed, because rotations of parallel joints never change the component
+across the plane.
 """
 
 from __future__ import annotations
@@ -83,18 +84,19 @@ class PlanarSubchain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmStructure:
-    """Structure of a chain: base yaw, planar links and wrist, each if the arm has it.
+    """Structure of a chain: base yaw, planar links and wrist, as far as the arm has them.
 
     Attributes:
         yaw: The first joint, if it is not in the plane.
         plane: Two or three parallel joints.
         wrist: The joints between these and the tip.
-        centre: The point (3,) where the axes of a wrist of two or three joints meet, or None.
+        centre: The point (3,) where the axes of a wrist of two or three joints meet; None if they
+            do not.
         tool: Pose (4, 4) of the frame while all joints are zero.
         deviation: The deviation of axes from being parallel [rad] or from meeting [m].
-        yaw_back: Rotates points of the base back by the yaw.
+        yaw_back: Rotates points in the base frame back by the yaw.
         roll: Rotates points by the wrist's first joint.
-        orient: The last three rotations, if they meet in the centre.
+        orient: The last three rotations, if their axes meet in the centre.
         locked_joint: The column of a joint that must be zero for this structure, or None.
         with_wrist_locked: The same arm with the wrist's first joint at zero, if that makes a third
             parallel link; otherwise None.
@@ -121,7 +123,7 @@ class ArmStructure:
         parts = ["yaw"] if self.yaw else []
         parts.append(f"planar {len(self.plane.pivots)}R")
         if self.wrist:
-            meeting = " that meets in a point" if self.centre is not None else ""
+            meeting = " with axes that meet at a point" if self.centre is not None else ""
             parts.append("roll" if len(self.wrist) == 1 else f"{len(self.wrist)}R wrist{meeting}")
         return " + ".join(parts)
 
@@ -134,7 +136,7 @@ _SAME_POSE = 1e-9
 
 
 def recognise_structure(chain: Chain, frame: str | None = None) -> ArmStructure | None:
-    """Return the structure of the arm that moves a frame (the tip if None); None if unknown."""
+    """Return the structure of the arm up to a frame (None: the tip); None if it is unknown."""
     chain = chain.rigid
     cached = _structure_cache.setdefault(chain, {})
     if frame in cached:
@@ -168,7 +170,7 @@ def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmSt
     plane, tilt = _fit_plane(parallel)
     centre, gap_m = _meeting_point(wrist)
     orient: EulerAngles | None = None
-    if centre is not None:  # the last three rotations: the plane's and two, or three of the wrist
+    if centre is not None:  # the last rotations: plane and two wrist joints, or three wrist joints
         axes = [plane.frame[2]] if count == 3 else []
         axes += [joint.axis for joint in wrist]
         orient = EulerAngles(*axes) if len(axes) == 3 else None
@@ -203,9 +205,10 @@ def _with_locked_wrist_joint(
 
 
 def _revolute_axes(chain: Chain, frame: str | None) -> tuple[RevoluteAxis, ...] | None:
-    """Read every joint that moves the frame from the Jacobian; None if one is not revolute.
+    """Compute the axes of all joints that move the frame; None if a joint is not revolute.
 
-    A column is (axis × r, axis) with r from the axis to the frame, so r = (axis × r) × axis.
+    A column of the Jacobian is (axis × r, axis) with r from the axis to the frame, hence r = (axis
+    × r) × axis.
     """
     T, J = chain.forward_and_jacobian(np.zeros(chain.dof), frame)
     joints: list[RevoluteAxis] = []
@@ -221,7 +224,7 @@ def _revolute_axes(chain: Chain, frame: str | None) -> tuple[RevoluteAxis, ...] 
 def _matches_chain(
     joints: tuple[RevoluteAxis, ...], tool: Matrix, chain: Chain, frame: str | None
 ) -> bool:
-    """Check whether the joints move the frame as the chain does; a mimic joint would not."""
+    """Check whether the axes move the frame as the chain does; with a mimic joint they do not."""
     for seed in (0.3, -1.1):
         q = seed + 0.7 * np.arange(chain.dof)
         T = tool

@@ -1,8 +1,8 @@
 """Targets for an arm that sags under its weight, raised by the sag of the tip at the target.
 
-Kernels solve rigid arms. A rigid arm must go to the target's pose minus the difference between the
-real links and the rigid ones. Each new solution changes this difference by about a tenth, so that
-it converges after a few solutions.
+Kernels solve rigid arms. A rigid arm must go to the target's pose minus the displacement by the
+sag. Each new solution changes this displacement by about a tenth: it converges after a few
+solutions.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from ikservo.ik.problem import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-_SAME_M = 1e-8  # a smaller change of the sag counts as none
-_SAME_RAD = 1e-7  # the same for the rotation by the sag
+_SAME_M = 1e-8  # a smaller change of the sag does not count
+_SAME_RAD = 1e-7  # the same for the rotation that the sag causes
 _STEADY_M = 1e-4  # remaining error that counts as reached
 _STEADY_RAD = 1e-3  # the same for the rotation
 
@@ -53,14 +53,14 @@ class Droop:
         return bool(apart[0] > _SAME_M or apart[1] > _SAME_RAD)
 
     def raised_pose(self, T: Matrix) -> Matrix:
-        """Compute the pose (4, 4) of a rigid arm with which this arm reaches ``T``."""
+        """Compute the pose (4, 4) of a rigid arm whose joints bring this arm to ``T``."""
         raised = T.copy()
         raised[:3, 3] -= self._moved
         raised[:3, :3] = self._turned.T @ T[:3, :3]
         return raised
 
     def raised(self, target: Target) -> Target:
-        """Return the target for a rigid arm."""
+        """Return the target that a rigid arm must be given to bring this arm to ``target``."""
         position = target.position - self._moved
         if target.rotation is not None:
             return replace(

@@ -62,10 +62,10 @@ class ResidualFunction:
 
     def __init__(self, chain: Chain, target: Target) -> None:
         self.chain, self.target = chain, target
-        # The watched axes (k, 3) in the tool's coordinates, and their target directions.
+        # The tool axes (k, 3) that count, in the tool's coordinates, and their target directions.
         self._axes_tool = target_axes = np.zeros((0, 3))
         if target.rotation is not None:
-            # A small rotation moves two of three axes, so the weight is divided between them.
+            # A small rotation moves two of three axes, so the weight is divided between those two.
             weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
             self._axes_tool, target_axes = weight_m * np.eye(3), weight_m * target.rotation.T
         elif target.target_axis is not None:
@@ -106,11 +106,11 @@ MAX_STEP_RAD = math.radians(2.0)
 
 # A step this small moves the tool by less than a nanometre.
 _STEP_END = 1e-9
-# An iteration that gains less in this many steps has stalled.
+# An iteration whose error falls by less in this many steps has stalled.
 _MAX_STALLED_STEPS = 50
 _PROGRESS = 0.999  # fraction to which the error must fall
 _PROGRESS_M = 1e-6  # or the length by which it must fall
-# A step halved this many times is lost in the rounding of the error.
+# The effect of a step halved this many times is lost in the rounding of the error.
 _HALVINGS = 40
 
 Step = Callable[[Linearisation], Linearisation]
@@ -143,18 +143,12 @@ def iterate(
     *,
     until_rest: bool = False,
 ) -> Result:
-    """Take steps from ``q0`` until the target is met, nothing moves, or the steps are used up.
+    """Take steps from ``q0`` (dof,) until the target is met, nothing moves, or no step is left.
 
-    There is one start and no restart: a search that stalls ends. The result is the best iterate.
-
-    Args:
-        method: The method's name, for the result.
-        step: One iteration of the method.
-        task: The residual function.
-        q0: Start (dof,), rad or m; one outside the limits is first clipped to them.
-        options: Tolerance, maximum number of iterations, and whether to keep the iterates.
-        max_iterations: Maximum iterations if the options do not set them.
-        until_rest: Whether to continue after the target is met, until nothing moves.
+    There is one start and no restart: a search that stalls ends. The result is the best iterate. A
+    start outside the limits, rad or m, is first clipped to them. ``max_iterations`` is the default
+    if the options do not limit the number of steps; ``until_rest`` continues after the target is
+    met, until nothing moves.
     """
     iteration = _Iteration(task, options.tolerance, task.linearise(task.chain.clip(q0)))
     for _ in range(options.max_iterations or max_iterations):
@@ -239,7 +233,8 @@ def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     """Compute the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
     ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` if ``s < ε s_max``. ``Δ = J⁺ E`` is the
-    least-squares solution of ``J Δ = E`` if none is exact, the least norm if there are many.
+    least-squares solution of ``J Δ = E`` if no solution is exact, the one of least norm if there
+    are many.
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)
@@ -258,11 +253,11 @@ def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
 def limited_step(current: Linearisation, chain: Chain, C: Vector) -> Vector:
     """Compute the step (dof,), which moves no joint by more than 2° or beyond its limits.
 
-    The step of a joint that would leave its range ends on the limit. Its column is removed, and the
-    others are solved again for the remaining error, until no joint leaves. A joint at its limit
-    that the error pulls against it is removed from the start, because the iteration could otherwise
-    end while the others still had a descent direction. Every iteration starts with all joints, so
-    that a joint can leave its limit again.
+    The step of a joint that would leave its range ends on the limit. The joint's column is removed,
+    and the other joints are solved again for the remaining error, until no joint leaves its range.
+    A joint that the error pulls against its limit is removed from the beginning, because the
+    iteration could otherwise end while the other joints still had a descent direction. Every
+    iteration starts with all joints, so that a joint can leave its limit again.
     """
     to_lower, to_upper = chain.lower_rad - current.q, chain.upper_rad - current.q
     step, free = np.zeros(chain.dof), ~active_limits(chain, current.q, current.J.T @ current.E - C)

@@ -1,8 +1,8 @@
-"""Other solutions for a target: their number or family, and the one nearest to the start.
+"""Other solutions for a target: their number or family, and the solution nearest to the start.
 
-A search converges to one solution; with six joints this is the nearest one in about two of three
-cases. The closed form has every solution; without it, searches that begin around the start find
-most of the near solutions.
+A search converges to one solution; with six joints this is the nearest solution in about two of
+three cases. The closed form has every solution; without it, searches that begin around the start
+find most of the near solutions.
 """
 
 from __future__ import annotations
@@ -43,14 +43,7 @@ _NEARBY_STEPS = 20  # steps of such a search; if it has not converged by then, i
 def solution_set(
     chain: Chain, target: Target, q: Vector, tolerance: Tolerance | None = None
 ) -> SolutionSet:
-    """Return the number or family of the solutions of a target, given joints (dof,) that meet it.
-
-    Args:
-        chain: The arm.
-        target: The target.
-        q: Joints (dof,) inside the limits.
-        tolerance: The error that counts as met.
-    """
+    """Return the number or family of the solutions of a target that joints (dof,) meet."""
     task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
     current = task.linearise(q)
     if not task.is_met(current, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
@@ -78,7 +71,7 @@ def solution_set(
     apart = np.array(known) - q
     apart -= _REVOLUTION_RAD * np.round(apart / _REVOLUTION_RAD)
     if not (np.abs(apart).max(axis=1) < _SAME_RAD).any():
-        return SolutionSet("several")  # the closed form does not give all of them
+        return SolutionSet("several")  # the closed form does not give all solutions of the family
     return SolutionSet("one" if len(known) == 1 else "several", len(known))
 
 
@@ -112,14 +105,9 @@ def _continues_along(
 def nearest_solution(
     chain: Chain, target: Target, q0: Vector, options: Options, found: Result
 ) -> Result:
-    """Return a solution that is nearer to the start than ``found``, or else ``found``.
+    """Return a solution that is nearer to the start (dof,) than ``found``, or else ``found``.
 
-    Args:
-        chain: The arm.
-        target: The target.
-        q0: The start (dof,), rad or m, which may be outside the limits.
-        options: The tolerance.
-        found: A solution.
+    The start, rad or m, may be outside the limits.
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
     best, distance_rad = found, _joint_distance_rad(found.q, q0)

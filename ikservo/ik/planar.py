@@ -6,14 +6,15 @@ upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^
 
 If the direction is free, the solutions of a point are intervals. Their ends are known in closed
 form: there the first two links are stretched or folded, or a joint is at a limit, which leaves two
-links. Between neighbouring ends all directions are solutions or none, so that one sample is enough.
+links. Between neighbouring ends all directions are solutions or no direction is: one sample is
+enough.
 
 Along an arc the joints move through the null space of the planar arm: the tip stays, the last
 link rotates. Steps along it towards the start have one free parameter.
 
 At the nearest point every joint is at a limit or cannot help: its pivot, the tip and the target
-point are on one line. Each joint is therefore at its lower limit, at its upper one, or free, and
-the free ones stretch or fold the links along the line. This gives a few candidates, all exact.
+point are on one line. Each joint is therefore at its lower limit, at its upper limit, or free, and
+the free joints stretch or fold the links along this line. This gives a few candidates, all exact.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
 
 
 def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
-    """Find (θ1, θ2) of both elbows with the tip at ``m``; none if ``m`` is outside the annulus.
+    """Find (θ1, θ2) of both elbows with the tip at ``m``; empty if ``m`` is out of reach.
 
     With L1 = |l1|, L2 = |l2|, d = |m|:
     ``cos φ2 = (d² - L1² - L2²) / (2 L1 L2)`` and
@@ -88,14 +89,14 @@ def within_limits(angles: Angles, limits: Limits, start: Angles) -> Angles | Non
     return tuple(inside)
 
 
-# The computed ends of an arc are not exact, so that a direction is chosen this far inside [rad].
+# The computed ends of an arc are not exact, so the chosen direction is this far inside them [rad].
 _MARGIN_RAD = 1e-9
 _ANYWHERE = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class DirectionInterval:
-    """Interval of directions of the last planar link in which a point can be reached.
+    """Interval of directions of the last planar link with which the tip can reach a point.
 
     Attributes:
         yaw_rad: The base yaw of the interval; 0 for arms without yaw.
@@ -129,7 +130,7 @@ class DirectionArc:
 def nearest_direction(
     links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
 ) -> Iterator[Angles]:
-    """Yield, for each elbow and each arc, the angles whose direction is nearest the target α.
+    """Yield, for each elbow and each arc, the joint angles with the direction nearest the target α.
 
     If an elbow allows the target direction itself, only those angles are yielded for it.
     """
@@ -149,15 +150,12 @@ def allowed_arcs(
 ) -> tuple[tuple[DirectionArc, ...], tuple[DirectionArc, ...]]:
     """Return the directions of the last link with which each elbow reaches ``m``.
 
-    Args:
-        links: The three links while all angles are zero.
-        limits: Lower and upper limit of each angle.
-        m: The target point, from the first joint.
+    ``links`` are the vectors of the links at zero angles; ``m`` is relative to the first joint.
 
     Returns:
         The arcs of the elbow with φ2 >= 0, and those of the elbow with φ2 <= 0.
     """
-    # Without known ends, direction 0 is sampled: all directions are open, or none.
+    # Without known ends, direction 0 is sampled: all directions are allowed, or no direction is.
     ends = sorted({wrap_angle(alpha) for alpha in _possible_ends(links, limits, m)}) or [0.0]
     following = [*ends[1:], ends[0] + FULL_TURN_RAD]
     middles = [0.5 * (a + b) for a, b in zip(ends, following, strict=True)]
@@ -200,7 +198,7 @@ def _possible_ends(links: Sequence[complex], limits: Limits, m: complex) -> Iter
     bent = (abs(l1 + cmath.rect(1.0, b) * l2) for b in limits[1] if math.isfinite(b))
     d, L3, middle = abs(m), abs(l3), cmath.phase(m) - cmath.phase(l3)
     for reach in (stretched, folded, *bent) if d * L3 else ():
-        # The directions that put the third joint at this distance from the first.
+        # The directions that put the third joint at this distance from the first joint.
         spread = clamped_acos((d * d + L3 * L3 - reach * reach) / (2.0 * d * L3))
         yield from () if spread is None else (middle + spread, middle - spread)
     for a in filter(math.isfinite, limits[0]):
@@ -220,7 +218,7 @@ def _allowed_elbows(
 def elbow_solutions(
     links: Sequence[complex], limits: Limits, m: complex, alpha_rad: float, start: Angles
 ) -> tuple[Angles | None, Angles | None]:
-    """Return the angles of both elbows with the last link at α; None if the limits forbid them."""
+    """Return both elbows' angles with the last link at α; None for an elbow that limits forbid."""
     l1, l2, l3 = links
     found = solve_planar_3r(l1, l2, l3, m, alpha_rad)
     if not found:
@@ -230,7 +228,7 @@ def elbow_solutions(
 
 _STEPS = 20
 _STEP_END_RAD = 1e-6
-# Samples in addition to the start's own direction, as fractions of the arc.
+# Samples in addition to the direction at the start, as fractions of the arc.
 _SAMPLES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 
 
@@ -251,7 +249,7 @@ def _nearest_on_arc(
     arc: DirectionArc,
     start: Angles,
 ) -> Iterator[Angles]:
-    """Yield the angles that minimise ``|θ(α) - θ_start|²`` on one arc, from the best sample."""
+    """Yield angles that minimise ``|θ(α) - θ_start|²`` on an arc, refined from the best sample."""
 
     def at(alpha_rad: float) -> Angles | None:
         return elbow_solutions(links, limits, m, arc.clamp_direction(alpha_rad), start)[elbow]
@@ -306,11 +304,8 @@ def nearest_planar_angles(
 ) -> tuple[Angles, ...]:
     """Find the angles inside the limits, best first, whose tip may be the nearest to ``m``.
 
-    Args:
-        links: The links while all angles are zero.
-        limits: Lower and upper limit of each angle.
-        m: A point out of reach, from the first joint.
-        start: The angle that the result should be near, among equivalent ones.
+    ``links`` are the vectors of the links at zero angles; ``m``, relative to the first joint, is
+    out of reach. Among equivalent angles, those nearest ``start`` are taken.
     """
     candidates = (
         within_limits(angles, limits, start)
@@ -332,7 +327,7 @@ def _aligned_angles(
     for flips in product((0.0, math.pi), repeat=len(rest)):
         headings = (line + flip - cmath.phase(p) for flip, p in zip(flips, rest, strict=True))
         angles: list[float] = []
-        for angle in held:  # a free joint rotates the piece behind it to its heading
+        for angle in held:  # a free joint rotates the piece after it to its heading
             angles.append(next(headings) - sum(angles) if angle is None else angle)
         yield tuple(angles)
 

@@ -1,8 +1,8 @@
 """Prepare a solve: pack the chain and the options for the kernel, and choose the starts.
 
-Joints that do not influence a target keep their start position: joints behind the frame, and joints
-whose axis contains the target point. A search that starts elsewhere, or leaves a saddle, would move
-them along with the others, and nothing would move them back.
+Joints that do not influence a target keep their start position: joints between the frame and the
+tip, and joints whose axis contains the target point. A search that starts elsewhere, or leaves a
+saddle, would move these joints along with the others, and nothing would move them back.
 """
 
 from __future__ import annotations
@@ -52,14 +52,8 @@ def prepare_seeds(
 ) -> Matrix:
     """Return joints (m, dof) as seed columns (dof + SEED_SIZE, m).
 
-    Args:
-        chain: The arm.
-        arm: The arm, packed.
-        q: Starting points inside the limits (m, dof).
-        frame: The link to move to the target.
-        offset_m: The point on that link.
-        R_frame_tool: The rotation (3, 3) from tool to frame coordinates.
-        swinging: Whether the search may rotate the first joint to bring the tool near the target.
+    Starts ``q`` (m, dof) are inside the limits. ``R_frame_tool`` (3, 3) rotates from tool to frame
+    coordinates. If ``swinging``, the first joint may rotate to bring the tool near the target.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
     half_rad, start = 0.0, q.copy()
@@ -81,7 +75,7 @@ def prepare_seeds(
 
 
 def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
-    """Compute the middle of a joint's range and half its width, at most half a revolution."""
+    """Compute the middle of a joint's range, and half the range's width up to half a revolution."""
     if upper_rad - lower_rad >= 2.0 * math.pi:
         return min(max(0.0, lower_rad + math.pi), upper_rad - math.pi), math.pi
     return 0.5 * (lower_rad + upper_rad), 0.5 * (upper_rad - lower_rad)
@@ -109,7 +103,7 @@ def quasi_random_points(count: int, dimensions: int) -> Matrix:
     This is the R-sequence of M. Roberts, The unreasonable effectiveness of quasirandom sequences,
     2018: point i is ``frac(½ + i / φ^j)`` in dimension j, where ``φ^(dimensions + 1) = φ + 1``.
     """
-    phi = 2.0  # becomes the golden ratio for one dimension, and its generalisation for more
+    phi = 2.0  # converges to the golden ratio for one dimension, and to its generalisation for more
     for _ in range(64):
         phi = (1.0 + phi) ** (1.0 / (dimensions + 1))
     steps: Vector = phi ** -np.arange(1.0, dimensions + 1)
@@ -186,14 +180,14 @@ class SolverBuffers:
         self.trace: Matrix = np.zeros((traced, dof))
 
 
-# A joint that moves the point or rotates its axis by less [m/rad] has no effect. The tip of an arm
-# with a calibrated roll is further than this from the roll axis.
+# A joint that moves the point or rotates the tool axis by less [m/rad] has no effect. The tip of an
+# arm with a calibrated roll is further than this from the roll axis.
 _NOTHING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class IdleJoint:
-    """A joint without influence on the target, which holds its position, and its range.
+    """A joint without influence on the target, which keeps its position; and the joint's range.
 
     Attributes:
         column: The joint index in q.
@@ -228,12 +222,8 @@ def idle_joints(
 ) -> tuple[IdleJoint, ...]:
     """Return the joints that change neither the point nor the orientation of a target.
 
-    Args:
-        chain: The arm.
-        frame: The link; the tip if None.
-        offset_m: The point (3,) on that link; its origin if None.
-        axis: An axis (3,) of the link with a target direction, or None.
-        orientation: Whether the whole orientation is a target.
+    The point (3,) is on a link, by default the origin of the tip. Its target may include the
+    direction of an ``axis`` (3,) of the link, or the whole orientation.
     """
     T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moving = _moving_joints(J[:, :3])
@@ -264,7 +254,7 @@ class PackedProblem:
 
     Attributes:
         arm: The packed chain.
-        seeds: Starting points in addition to the caller's (dof + SEED_SIZE, m).
+        seeds: Starting points (dof + SEED_SIZE, m) in addition to those of the caller.
         idle: The joints that keep their position, by the kind of target.
     """
 
@@ -290,7 +280,7 @@ def pack_problem(
     tool_axis: Vector | None,
     restarts: int,
 ) -> PackedProblem:
-    """Pack the arm for a number of starting points; the most recent ones are cached."""
+    """Pack the arm for a number of starting points; the most recent results are cached."""
     frame = None if frame is None else parse_name("The frame", frame)
     key = (frame, _array_bytes(offset_m), _array_bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})

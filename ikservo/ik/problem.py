@@ -150,7 +150,8 @@ def _rotation_between(a: Vector, b: Vector) -> Vector:
     if sin < 1e-12:
         if cos > 0:
             return np.zeros(3)
-        # The vectors are opposite: half a turn about any axis across a is equally short.
+        # The vectors are opposite: half a turn about any axis perpendicular to ``a`` is equally
+        # short.
         helper = np.zeros(3)
         helper[int(np.argmin(np.abs(a)))] = 1.0
         return math.pi * normalise(np.cross(a, helper), "axis")
@@ -161,7 +162,7 @@ def _rotation_between(a: Vector, b: Vector) -> Vector:
 def check_position(v: ArrayLike, what: str) -> Vector:
     """Check and copy a point (3,) [m]; BadValueError if it is not a point or is beyond 1 km."""
     point = bounded_vector(v, 3, MAX_POSITION_M, what, "metres, within 1 km")
-    return point.copy()  # later changes by the caller must not change the target
+    return point.copy()  # changes to the caller's array must not change the target
 
 
 def normalise(v: ArrayLike, what: str) -> Vector:
@@ -204,7 +205,7 @@ DEFAULT_RESTARTS = 400
 """Default maximum number of starting points of a search."""
 
 _FULL_POSE_DOF = 6
-# More starting points than this are a mistake, because their table would fill the memory.
+# A larger number of starting points is a mistake, because their table would fill the memory.
 _MAX_COUNT = 1_000_000
 
 
@@ -243,8 +244,8 @@ class Options:
 
     Attributes:
         tolerance: The error that counts as reached.
-        restarts: Maximum number of starting points, the given one first; the Jacobian methods use
-            only the given one.
+        restarts: Maximum number of starting points, the given start first; the Jacobian methods use
+            only the given start.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: Preferred configuration; methods without a null space ignore it.
         trace: Whether the result contains all iterates.

@@ -28,7 +28,7 @@ NOT_LIMITED = "link lengths or number of joints"
 
 @dataclass(frozen=True, slots=True)
 class ActiveLimit:
-    """A joint limit that keeps the tool from coming closer."""
+    """A joint limit that keeps the tool from coming closer to the target."""
 
     joint: str
     side: Literal["lower", "upper"]
@@ -90,8 +90,9 @@ class Result:
         q: Joint vector (dof,), rad or m, always inside the limits.
         reached: Whether position and orientation are within the tolerance.
         position_error_m: Distance from the target point.
-        orientation_error_rad: Angle from the target direction or orientation; 0 if none.
-        binding: The limits that hold the arm back; empty when reached.
+        orientation_error_rad: Angle from the target direction or orientation; 0 if only the
+            position counts.
+        binding: The limits that keep the arm from the target; empty if it is reached.
         iterations: Number of steps, including restarts.
         nearest_m: The point at ``q`` (3,), metres, base frame.
         method: Name of the method that found the joints.
@@ -144,7 +145,7 @@ class Result:
         return f"{'reached' if self.reached else 'not reached'}: q = ({q}), {off}{held}"
 
     def attach_question(self, question: SolvedProblem) -> Result:
-        """Attach the solved problem before the result is handed out; return the result."""
+        """Attach the solved problem before the result is returned to a user; return the result."""
         self.__dict__["question"] = question
         return self
 
@@ -159,7 +160,7 @@ class Result:
 
     @property
     def conditioning(self) -> Conditioning | None:
-        """The mobility of the point at ``q``; None if the problem is not known."""
+        """The mobility of the target's point at ``q``; None if the problem is not known."""
         if self.question is None:
             return None
         target = self.question.target
@@ -214,7 +215,7 @@ def evaluate(
 
 
 def is_closer(a: Result, b: Result, tolerance: Tolerance) -> bool:
-    """Check whether ``a`` is the better result, by position first, then by orientation."""
+    """Check whether ``a`` is a better result than ``b``: by position, then by orientation."""
     return _rank_result(a, tolerance) < _rank_result(b, tolerance)
 
 
@@ -223,7 +224,7 @@ def _rank_result(result: Result, tolerance: Tolerance) -> tuple[float, float]:
 
 
 def _binding_limits(chain: Chain, q: Vector, gradient: Vector) -> tuple[ActiveLimit, ...]:
-    """Return the limits against which the error pulls joints."""
+    """Return the limits against which the remaining error pulls the joints."""
     found: list[ActiveLimit] = []
     for i, name in enumerate(chain.names):
         if q[i] <= chain.lower_rad[i] and gradient[i] < 0:

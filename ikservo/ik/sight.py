@@ -15,7 +15,7 @@ from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.kinematics.joints import JointType
 
-_NEAREST_M = 0.001  # nearer points have no usable direction from the tip
+_NEAREST_M = 0.001  # points nearer to the tip have no usable direction from it
 _REACHED_RAD = 1e-4
 
 
@@ -61,7 +61,7 @@ def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike
     point = check_position(point_m, "The point to look at")
     ahead = normalise(axis, "The axis to look along")
     start = finite_vector(q0, chain.dof, "q0")
-    # The largest distance of the tip from the base, including joints that slide.
+    # The largest distance of the tip from the base, including the travel of prismatic joints.
     bones_m = sum(float(np.linalg.norm(step.joint.origin[:3, 3])) for step in chain.joints_to())
     slides = [kind is JointType.PRISMATIC for kind in chain.kinds]
     ends = np.maximum(np.abs(chain.lower_rad), np.abs(chain.upper_rad))

@@ -28,7 +28,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
 
 Method = Callable[[Chain, Target, Vector, Options], Result]
-"""Takes chain, target, start (dof,) anywhere, and options; returns a result inside the limits."""
+"""Takes chain, target, start (dof,), also outside the limits, and options; the result is inside."""
 
 METHODS = ("bounded", "closed_form", "pseudo_inverse", "transpose", "ccd")
 """Names of the methods; the modules of all but the first are imported when first used."""
@@ -175,7 +175,7 @@ def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
 def _solve_drooping(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
-    """Return the target that a rigid arm must be given instead, and the solution for it."""
+    """Return the raised target that a rigid arm must be given, and the solution for it."""
     from ikservo.ik.droop import Droop  # noqa: PLC0415  # few arms need it
 
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
@@ -207,15 +207,7 @@ _FAR_M = 10.0  # further than any arm with servos can reach
 
 
 def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
-    """Format a point in millimetres, ``250mm 50mm 150mm``, if the arm reaches it in millimetres.
-
-    Args:
-        chain: The arm.
-        position_m: A point (3,) that the arm does not reach if its numbers are metres.
-
-    Returns:
-        The text; empty if the arm does not reach the point in millimetres.
-    """
+    """Return a point (3,) as ``250mm 50mm 150mm`` if the arm reaches it in millimetres, else ''."""
     point = np.asarray(position_m, dtype=float)
     if float(np.abs(point).max()) < _FAR_M:
         return ""

@@ -2,7 +2,7 @@
 
 The plane is a (3, 3) ``frame`` with rows e1, e2, n. A vector has a component *along* the plane, e1
 + i e2, and a component *across* it, n. Rotating the parallel joints never changes the component
-across, so that yaw and roll can be found before them.
+across, so that yaw and roll can be found before these joints.
 
 The yaw φ and the roll ψ must satisfy two equations::
 
@@ -31,7 +31,7 @@ FULL_TURN_RAD = 2.0 * math.pi
 LIMIT_TOLERANCE_RAD = 1e-9
 # A cosine this far above one is a point on the boundary, after rounding.
 _EDGE = 1e-10
-# An amplitude [m or 1] this small means that the angle does not matter.
+# If an amplitude [m or 1] is this small, the angle does not matter.
 _NEAR_ZERO = 1e-9
 
 
@@ -41,7 +41,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Compute acos of a cosine that rounding may have moved just past ±1; None further out."""
+    """Compute acos of a cosine, which rounding may have moved just past ±1; None if further out."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -50,7 +50,7 @@ def clamped_acos(cosine: float) -> float | None:
 def nearest_equivalent_angle(
     angle_rad: float, lower: float, upper: float, near_rad: float
 ) -> float | None:
-    """Find the equivalent angle, angle + 2πk, inside the limits and nearest ``near_rad``.
+    """Find the equivalent angle, angle + 2πk, that is inside the limits and nearest ``near_rad``.
 
     Return None if there is no such angle.
     """
@@ -104,7 +104,7 @@ class CircleTrace:
         return self.a2 * math.cos(theta_rad) - self.a1 * math.sin(theta_rad)
 
     def angles_at_normal(self, value: float) -> tuple[float, ...] | None:
-        """Return the angles at which the normal component has the value; None if all do."""
+        """Return the angles at which the normal component has a value; None if all angles do."""
         return solve_acos_bsin(self.a1, self.a2, value - self.a0)
 
     @property
@@ -156,9 +156,10 @@ def _make_trace(rows: Vector) -> CircleTrace:
 
 # Circles this small [m or 1] give an arm no usable freedom.
 NO_FREEDOM = 1e-6
-# Published axes are rounded to about 1e-5 rad; a direction that a yaw changes less does not change.
+# Published axes are rounded to about 1e-5 rad; a yaw that changes a direction by less has no
+# effect.
 ROUNDED = 1e-5
-# A root of the quartic may be this far off the unit circle if two roots nearly agree.
+# A root of the quartic may be this far from the unit circle if two roots are nearly equal.
 _BESIDE_CIRCLE = 1e-3
 _NEWTON_STEPS = 4
 _RESIDUAL = 1e-11
@@ -168,10 +169,10 @@ _ONE_PAIR = 1e-6
 def solve_yaw_roll(
     M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, held_rad: tuple[float, float]
 ) -> Iterator[tuple[float, float]]:
-    """Yield every (φ, ψ) with ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)`` across the plane.
+    """Yield every (φ, ψ) that gives ``M(φ) = w(ψ)`` and ``d(φ) = a(ψ)`` across the plane.
 
-    An angle that does not matter stays at its value in held (φ, ψ). A direction that changes less
-    than its tolerance, or a roll that moves nothing, leaves one equation.
+    An angle that does not matter stays at its value in ``held``, which is (φ, ψ). A direction that
+    changes less than its tolerance, or a roll that moves nothing, leaves one equation.
     """
     roll_matters = max(w.amplitude, a.amplitude) > NO_FREEDOM
     direction_matters = max(d.amplitude, a.amplitude) > ROUNDED
@@ -184,7 +185,7 @@ def solve_yaw_roll(
         return
     found: list[tuple[float, float]] = []
     for psi in _quartic_rolls(M, w, d, a):
-        if d.amplitude > M.amplitude:  # the stronger of the two equations gives the yaws
+        if d.amplitude > M.amplitude:  # the equation with the larger amplitude gives the yaws
             yaws = d.angles_at_normal(a.normal_part(psi))
         else:
             yaws = M.angles_at_normal(w.normal_part(psi))

@@ -21,8 +21,8 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 class Workspace:
     """The reachable cells of a slice or a volume.
 
-    A cell counts as reachable if a tip was found in it, or if the reachable point nearest its
-    middle is in it; the true border therefore runs through the outermost cells.
+    A cell counts as reachable if a posture with the tip in it was found, or if the reachable point
+    nearest its middle is in it; the true border therefore runs through the outermost cells.
 
     Attributes:
         grid: The cells.
@@ -72,11 +72,11 @@ class Workspace:
         return np.logical_and(exist, self.reachable[tuple(cells.T)])
 
     def mask(self, along: int = 2) -> NDArray[np.bool_]:
-        """Return the reachable cells as seen along a grid axis; for a volume the projection."""
+        """Return the reachable cells as seen along a grid axis; a volume is projected along it."""
         return np.any(self.reachable, axis=along)
 
     def outline(self, along: int = 2) -> tuple[Matrix, ...]:
-        """Compute the borders of ``mask`` as closed polygons (k, 2) along its axes, metres.
+        """Compute the borders of ``mask`` as closed polygons (k, 2) in the mask's axes, metres.
 
         Islands run counterclockwise, holes clockwise.
         """
@@ -87,7 +87,7 @@ class Workspace:
 
 
 def quasi_random_joints(chain: Chain, count: int) -> Matrix:
-    """Return ``count`` joint vectors (count, dof) inside the limits; within ±π if unlimited.
+    """Return joint vectors (count, dof) inside the limits; unlimited joints are within ±π.
 
     They do not cluster, see ``quasi_random_points``.
     """
@@ -105,12 +105,12 @@ def tip_positions(chain: Chain, q: Matrix) -> Matrix:
 Clear = Callable[[Matrix], NDArray[np.bool_]]
 """Takes joint vectors (n, dof); returns whether each is allowed (n,)."""
 
-_SLICE_CELL_M = 0.005  # size of a cell of a plane
-_VOLUME_CELL_M = 0.025  # size of a cell of the volume
+_SLICE_CELL_M = 0.005  # size of a cell of a slice
+_VOLUME_CELL_M = 0.025  # size of a cell of a volume
 _SAMPLES = 2**16  # number of postures that find most of the cells
-# The start comes from a neighbouring cell; a few others get around limits.
+# A search starts from the joints of a neighbouring cell; a few other starts get around limits.
 _SLICE_RESTARTS = 8
-_VOLUME_RESTARTS = 2  # fewer, because a volume has many border cells with several neighbours each
+_VOLUME_RESTARTS = 2  # fewer, because many border cells of a volume have several neighbours
 _NEIGHBOURS = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
@@ -123,8 +123,8 @@ def workspace(
 ) -> Workspace:
     """Find the cells that the tip can reach inside the chain's limits.
 
-    Joint vectors that fill the limits evenly give the first reachable cells. From those the solver
-    continues outwards: it solves for the centre of every cell next to a reachable one. A reachable
+    Joint vectors that fill the limits evenly give the first reachable cells. From these the solver
+    continues outwards: it solves for the centre of every cell next to a reachable cell. A reachable
     island without a sample is missed.
 
     Args:

@@ -77,7 +77,7 @@ def slice_around(points_m: Matrix, T_world_plane: Matrix, cell_m: float) -> Voxe
 
 
 def _bounding_box(points_m: Matrix, frame: Matrix) -> tuple[Vector, Vector]:
-    """Compute corners (3,) of a box around the points, with a margin for unsampled ends."""
+    """Compute corners (3,) of a box around the points, with a margin for what samples miss."""
     local = VoxelGrid(frame, np.zeros(3), (1, 1, 1), 1.0).to_grid(points_m)
     lower, upper = local.min(axis=0), local.max(axis=0)
     spare = 0.05 * (upper - lower)
@@ -101,8 +101,8 @@ def _make_grid(frame: Matrix, lower: Vector, upper: Vector, cell_m: float) -> Vo
 
 Corner = tuple[int, int]
 
-# The four sides of a cell, traversed with the cell on the left: the neighbour behind the side, and
-# the corners between which the side runs.
+# The four sides of a cell, traversed with the cell on the left: the neighbour on the other side,
+# and the corners between which the side runs.
 _SIDES = (
     ((0, -1), (0, 0), (1, 0)),
     ((1, 0), (1, 0), (1, 1)),
@@ -114,8 +114,8 @@ _SIDES = (
 def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
     """Return closed polygons (k, 2) around the True cells of a mask (nu, nv), in units of cells.
 
-    The set is on the left: islands run counterclockwise, holes clockwise. The first corner is
-    not repeated, and no corner is on a straight line between its neighbours.
+    The True cells are on the left: islands run counterclockwise, holes clockwise. The first corner
+    is not repeated, and no corner is on a straight line between its neighbours.
     """
     edges = _border_edges(mask)
     loops: list[Matrix] = []
@@ -152,7 +152,7 @@ def _take_loop(edges: dict[Corner, list[Corner]]) -> list[Corner]:
     return loop
 
 
-# A tool slightly off its arm's middle must not rotate the plane of the arm.
+# A tool slightly off the middle of its arm must not rotate the plane of the arm.
 _YAW_STEP_RAD = math.radians(15)
 
 
@@ -178,7 +178,7 @@ def front_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> 
 
 
 def top_plane(chain: Chain, home: ArrayLike, height_m: float | None = None) -> Matrix:
-    """Return the horizontal plane at a height; None uses the height of the tip at ``home``."""
+    """Return the horizontal plane at a height; None: the height of the tip at ``home``."""
     tip = chain.forward(home)[:3, 3]
     return make_pose((0.0, 0.0, float(tip[2]) if height_m is None else height_m))
 

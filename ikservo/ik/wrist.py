@@ -48,7 +48,7 @@ def solve_pose(problem: AnalyticProblem, target: Target, R: Matrix) -> Iterator[
 def _planar_and_wrist_angles(
     problem: AnalyticProblem, orient: EulerAngles, yaw: float, R: Matrix
 ) -> Iterator[tuple[Angles, Angles]]:
-    """Yield planar and wrist angles; R (3, 3) is the remaining rotation after the yaw."""
+    """Yield planar and wrist angles; R (3, 3) is the rotation that remains after the yaw."""
     plane, m = problem.arm.plane, problem.target_in_plane(yaw)
     links = plane.links(problem.tip.in_plane_part(0.0))
     if len(links) == 3:
@@ -64,7 +64,7 @@ def _planar_and_wrist_angles(
 
 
 def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
-    """Yield orientations (3, 3) that a target allows, those near the start's first."""
+    """Yield orientations (3, 3) that a target allows, beginning with those near the start's."""
     if target.rotation is not None:
         yield target.rotation
         return
@@ -78,15 +78,15 @@ def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
         yield exp_so3(angle * target.target_axis) @ aimed
 
 
-# Rolls to try, as fractions of the range, if the start's own roll does not reach.
+# Rolls to try, as fractions of the range, if the point is not reached with the roll of the start.
 _ROLLS = (0.5, 0.25, 0.75, 0.0, 1.0, 0.125, 0.375, 0.625, 0.875)
 
 
 def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
     """Return the joints that meet the point, with the wrist in its start position.
 
-    The tool is rotated as near to the aims as the point allows. A roll that cannot meet the point
-    is replaced by the first of a few others that can.
+    The tool is rotated as near to the aims as the point allows. If the point cannot be met with the
+    roll of the start, the first of a few other rolls that can is used.
     """
     others = problem.arm.wrist[0].sample_range(_ROLLS) if problem.arm.wrist else ()
     for roll in (problem.start_roll, *others):
@@ -98,10 +98,10 @@ def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
 
 
 def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
-    """Yield the joints that meet the point, and the aims as well as possible.
+    """Yield the joints that meet the point, and that meet the aims as well as possible.
 
-    Without a roll, or with one that moves nothing, point and aims are over-determined: the error of
-    the candidates shows whether they happen to agree.
+    Without a roll, or with a roll that does not move the point, point and aims are over-determined:
+    the error of the candidates shows whether the two happen to agree.
     """
     # The axis with the largest amplitude determines the roll best.
     aim = max(problem.aims, key=lambda aim: aim.tool.amplitude)

@@ -95,7 +95,7 @@ def min_distances(
     Args:
         links: One row per link, parents first; see ``kinematics.packed``.
         capsules: One row per capsule.
-        pairs: (m, 3) rows of two capsules, and their column of ``distances``.
+        pairs: (m, 3) rows of two capsules, and the column of ``distances`` for the two.
         floor_m: The height of the table; minus infinity if there is none.
         shapes: (k, 17) rows; see ``kinematics.packed``.
         postures: Joint vectors (n, dof).
@@ -138,7 +138,7 @@ def torques_fit(
 
 
 def is_tree(links: Matrix, dof: int) -> bool:
-    """Check whether links come after their parents, and joints have a column of q."""
+    """Check whether links come after their parents, and each joint's column of q exists."""
     if links.shape[1] != LINK_WIDTH:
         return False
     for i in range(len(links)):
@@ -287,7 +287,7 @@ def segment_distance(ends: Matrix, i: int, j: int) -> float:
         r = ends[i, k] - ends[j, k]
         a, e, b, c, f = a + d1 * d1, e + d2 * d2, b + d1 * d2, c + d1 * r, f + d2 * r
     # Parallel segments have no single closest pair, and a point has no direction: any s and t can
-    # be the start. Each is then optimised for the other.
+    # be the start. Then s is optimised for t, and t for s.
     s = _clamp_unit_interval((b * f - c * e) / max(a * e - b * b, _TINY))
     t = _clamp_unit_interval((b * s + f) / max(e, _TINY))
     s = _clamp_unit_interval((b * t - c) / max(a, _TINY))
@@ -300,10 +300,10 @@ def segment_distance(ends: Matrix, i: int, j: int) -> float:
 
 
 def segment_shape_distance(ends: Matrix, i: int, shapes: Matrix, b: int) -> float:
-    """Compute the distance of a segment from a shape; 0 or less inside.
+    """Compute the distance of a segment from a shape; 0 or less if it enters the shape.
 
-    The squared distance from a box is convex along the segment, its slope linear between the planes
-    of the faces: the minimum is exact. That from a cylinder is convex, too.
+    The squared distance from a box is convex along the segment, and its slope is linear between the
+    planes of the faces: the minimum is exact. The one from a cylinder is convex, too.
     """
     line = np.empty(6)
     for k in range(3):
@@ -320,7 +320,7 @@ def segment_shape_distance(ends: Matrix, i: int, shapes: Matrix, b: int) -> floa
 
 
 def point_shape_distance(x: float, y: float, z: float, shapes: Matrix, b: int) -> float:
-    """Compute the distance of a point in the base frame from a shape; 0 or less inside."""
+    """Compute the distance of a point (base frame) from a shape; 0 or less inside the shape."""
     x, y, z = x - shapes[b, CENTRE], y - shapes[b, CENTRE + 1], z - shapes[b, CENTRE + 2]
     u = x * shapes[b, 0] + y * shapes[b, 3] + z * shapes[b, 6]
     v = x * shapes[b, 1] + y * shapes[b, 4] + z * shapes[b, 7]

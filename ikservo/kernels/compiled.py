@@ -26,7 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 uncompiled: dict[str, Callable[..., object]] = {}
-"""Entries as Python functions, by name, also if there are compiled ones."""
+"""Entries as Python functions, by name, even if compiled ones exist."""
 
 _ARRAYS = {
     "Vector": ("float64", 1),
@@ -45,7 +45,7 @@ class _Extension(Protocol):
     DIGESTS: str
 
     def bind(self, name: str, /, *arguments: object) -> Callable[..., object]:
-        """Return a kernel with its first arguments."""
+        """Return a kernel with its first arguments bound."""
         ...
 
 
@@ -54,8 +54,8 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
     Args:
         check: A kernel with the same parameters that returns whether the arrays have the shapes,
-            and indices in them the ranges, that the kernel relies on. Types of arrays are also
-            checked; wrong ones raise TypeError.
+            and the indices in them the ranges, that the marked kernel relies on. Types of arrays
+            are also checked; wrong ones raise TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -66,7 +66,7 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
         def run(*arguments: P.args, **named: P.kwargs) -> R:
             _check_types(name, kinds, arguments)
             if not check(*arguments, **named):
-                raise ValueError(f"{name}: the arrays do not fit together")
+                raise ValueError(f"{name}: the shapes of the arrays do not match")
             with np.errstate(all="ignore"):  # as in C
                 return function(*arguments, **named)
 
@@ -94,7 +94,7 @@ def _check_types(
 
 
 def bind(name: str, *arguments: object) -> Callable[..., object]:
-    """Return the entry of that name with its first arguments, which are checked only once."""
+    """Return the entry of that name with its first arguments bound, which are checked only once."""
     extension = _extension()
     if extension is None:
         return partial(uncompiled[name], *arguments)
@@ -118,7 +118,9 @@ def _extension() -> _Extension | None:
         return None
     if not any(map(_has_changed, found.SOURCES.split(), found.DIGESTS.split())):
         return found
-    text = "The kernels were changed since they were compiled and run as Python. Try: make build"
+    text = (
+        "The kernels have changed since they were compiled, so they run as Python. Try: make build"
+    )
     warnings.warn(text, RuntimeWarning, stacklevel=2)
     return None
 

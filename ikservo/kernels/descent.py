@@ -1,7 +1,7 @@
 """Damped descent with active joint limits.
 
-A joint that the step would move past its limit is placed at it, and the step of the others is
-computed again, until all are inside.
+A joint that the step would move past its limit is placed at the limit, and the step of the other
+joints is computed again, until all are inside.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ def descent_step(
     n: int,
     work: Matrix,
 ) -> float:
-    """Fill STEP and return its largest entry; needs ``evaluate`` and ``update_free_set`` before.
+    """Fill STEP and return its largest entry; call ``evaluate`` and ``update_free_set`` before.
 
     The step of the free joints is scaled to ``radius`` as a whole (lecture L7), so that its
-    direction stays.
+    direction does not change.
     """
     rows = residual_rows(kind, weight)
     for _ in range(n + 1):
@@ -117,8 +117,8 @@ _RADIUS, _RADIUS_WHEN_TRACKING = 0.8, 0.5
 # that convergence stays quadratic (Levenberg-Marquardt after Fan and Yuan 2005).
 _DAMPING = 0.1
 # A step that reduces the squared error by less than this fraction approaches a non-zero minimum,
-# where second derivatives matter (Fletcher and Xu 1987). Other steps do without them, because
-# nearly flat valleys mislead them.
+# where second derivatives matter (Fletcher and Xu 1987). Other steps do not use second derivatives,
+# because those mislead in nearly flat valleys.
 _SLOW = 0.15
 # Solutions are refined to this fraction of the tolerance; smaller steps and slopes count as zero.
 _FINE, _STEP_END, _SLOPE_END = 1e-3, 1e-11, 1e-12
@@ -137,7 +137,7 @@ def minimise(
     trace: Matrix,
     work: Matrix,
 ) -> int:
-    """Descend from Q and leave the end in Q; return the number of steps tried.
+    """Descend from Q and leave the result in Q; return the number of steps tried.
 
     Stops at convergence, at a stationary point, after ``max_stalled`` consecutive slow steps or
     after the settings' MAX_STEPS.
@@ -206,7 +206,7 @@ def _is_stationary(settings: Vector, weight: float, work: Matrix) -> bool:
 
 
 def _apply_step(n: int, work: Matrix) -> None:
-    """Add the step to Q; joints that rounding moves past a limit are placed at it."""
+    """Add the step to Q; joints that rounding moves past a limit are placed at the limit."""
     for j in range(n):
         work[Q_PREV, j] = work[Q, j]
         work[Q, j] = min(
@@ -272,7 +272,7 @@ def wrap_full_turns(arm: Matrix, start: Vector, work: Matrix) -> bool:
             q -= _TURN * math.ceil((q - upper) / _TURN)
         elif q < lower:
             q += _TURN * math.ceil((lower - q) / _TURN)
-        if q < lower or q > upper:  # in the gap of a range that is not quite a full turn
+        if q < lower or q > upper:  # outside a range that is not quite a full turn
             q += _TURN * math.floor((0.5 * (lower + upper) - q) / _TURN + 0.5)
         work[Q, j] = min(max(q, lower), upper)
         clipped = clipped or work[Q, j] != q

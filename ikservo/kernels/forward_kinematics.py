@@ -55,7 +55,7 @@ def sincos(angle_rad: float) -> tuple[float, float]:
     r = (angle_rad - quarters * _QUARTER) - quarters * _REST
     z = r * r
     z2 = z * z
-    # Evaluated in pairs, which depend on each other less than a chain does.
+    # Evaluated in pairs, which depend on each other less than the terms of one chain do.
     sin = (_S1 + z * _S2) + z2 * ((_S3 + z * _S4) + z2 * (_S5 + z * _S6))
     cos = (_C1 + z * _C2) + z2 * ((_C3 + z * _C4) + z2 * (_C5 + z * _C6))
     sin, cos = r + r * z * sin, (1.0 - 0.5 * z) + z2 * cos
@@ -139,7 +139,7 @@ def forward_kinematics(arm: Matrix, work: Matrix) -> None:
 
 
 def residual_rows(kind: int, weight: float) -> int:
-    """Return the number of residual rows; a rotation weight of 0 leaves the position only."""
+    """Return the number of residual rows; with a rotation weight of 0 only the position's rows."""
     if kind == POSITION_ONLY or weight == 0.0:
         return 3
     return 5 if kind == DIRECTION else 6
@@ -189,7 +189,7 @@ def _position_rows(problem: Vector, n: int, work: Matrix) -> float:
 
 
 def _direction_rows(problem: Vector, weight: float, n: int, work: Matrix) -> float:
-    """Fill two rows: rotation about the tool's x and y; rotation about its z does not matter."""
+    """Fill two rows: rotation about the tool's x and y; rotation about z does not matter."""
     x0, y0, z0 = work[TOOL_POSE, 0], work[TOOL_POSE, 1], work[TOOL_POSE, 2]
     x1, y1, z1 = work[TOOL_POSE, 3], work[TOOL_POSE, 4], work[TOOL_POSE, 5]
     x2, y2, z2 = work[TOOL_POSE, 6], work[TOOL_POSE, 7], work[TOOL_POSE, 8]

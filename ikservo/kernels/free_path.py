@@ -2,9 +2,9 @@
 
 Around a free posture every joint may move some distance before anything can touch: the distance of
 each pair, divided by the rate at which it can shrink. Two postures whose free ranges meet have a
-free path between them; otherwise the middle of the rest is checked. Only distances that could
-shorten the free path found so far are computed exactly: spheres around links and capsules, and
-boxes around things along the axes of the base, exclude the others.
+free path between them; otherwise the middle of the part between them is checked. Only distances
+that could shorten the free path found so far are computed exactly: spheres around links and
+capsules, and boxes around obstacles along the axes of the base, exclude the other distances.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, SHAPE_WI
 FREE = 2.0
 """Result of ``first_contact`` if there is no contact."""
 
-# A sphere has no second end as a capsule has; the entries hold the range of its capsules.
-FIRST_CAPSULE, LAST_CAPSULE = END, END + 1  # the latter is exclusive
+# A sphere does not have a second end; these entries hold the range of its capsules.
+FIRST_CAPSULE, LAST_CAPSULE = END, END + 1  # this one is exclusive
 _PLACED = 3  # entry of a centre: 1 if the link's capsule spheres are placed
-_BALL = 3  # row of ``spheres`` with the radius; before: centre; after: placed centre
+_BALL = 3  # row of ``spheres`` with the radius; above it the centre, below it the placed centre
 SPHERE_ROWS = 7
 
 _TOUCH_M = 1e-9
-_UNSEEN_M = 0.001  # a pair may be nearer than allowed by less than this
+_UNSEEN_M = 0.001  # a pair may be nearer than allowed by at most this
 _SAME = 1e-12  # shorter parts of a motion count as zero
 _STACK = 64
-_MOST = 20000  # postures between two of a path: at 1 mm each, a path of 20 m
+_MOST = 20000  # most checks between two postures: one per millimetre on 20 m
 
 
 def path_fits(
@@ -106,22 +106,22 @@ def first_contact(
             the rest is a work array.
         balls: (links, 8) sphere around the capsules of each link, with its rigid body; see
             ``FIRST_CAPSULE``.
-        pairs: (m, 3) two links to check, and their column.
-        shapes: (k, 17) rows of things.
-        boxes: (6, k) box around each thing: its centre, and half of its size.
+        pairs: (m, 3) two links to check, and the column of the two in ``allowed``.
+        shapes: (k, 17) one row per obstacle other than the table; see ``kinematics.packed``.
+        boxes: (6, k) box around each obstacle: its centre, and half of its size.
         floor_m: The height of the table; minus infinity if there is none.
         reach: (pairs of links + links, dof) largest approach of each pair, and largest motion of
             each link, per unit of a joint.
         masses: (bodies, 4) mass [kg] and centre in the frame [m].
-        sag: (3, dof) yielding of a joint per torque at 1 m/s², and its lower and upper ends.
+        sag: (3, dof) compliance of each joint for the torque at 1 m/s², lower and upper end stops.
         places: (bodies, 12), work array.
         ends: (capsules, 6), work array.
         centres: (links, 4), work array.
         postures: (3, dof), work array.
         rates: (pairs of links + links,), work array.
-        allowed: (2, pairs of links + links * (2 + k)) smallest distances [m] of pairs of links, and
-            of each link from the table, from each thing, and the largest of those; below, distances
-            of the sagging arm from things.
+        allowed: (2, pairs of links + links * (2 + k)) smallest distances [m] of pairs of links,
+            then of each link from the table and from each obstacle, and the largest of these;
+            second row: distances of the sagging arm from obstacles.
         load: Multiple of gravity under which the arm sags; 0 ignores sag.
         path: The postures.
 
@@ -192,7 +192,7 @@ def free_postures(
     places: Matrix, ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix,
     load: float, path: Matrix, free: IntVector,
 ) -> None:  # fmt: skip
-    """Find which postures (n, dof) keep the allowed distances: 1 in ``free`` (n,), otherwise 0.
+    """Set ``free`` (n,) to 1 for postures (n, dof) that keep the allowed distances, otherwise 0.
 
     The other arguments are those of ``first_contact``.
     """
@@ -224,10 +224,11 @@ def free_fraction(
     ends: Matrix, centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float,
     most: float, hit: int,
 ) -> float:  # fmt: skip
-    """Return the free fraction of the path on both sides of the first posture, up to ``most``.
+    """Return the fraction of the path that is free around the first posture, up to ``most``.
 
-    If something is nearer than allowed: the number -1 - ``hit`` of the row of ``pairs``, or, after
-    those, of the link that is too near a thing. The given ``hit`` is checked first.
+    If something is nearer than allowed, return -1 - ``hit``: ``hit`` is the row of ``pairs``, or
+    the number of pairs plus that of the link that is too near an obstacle. The given ``hit`` is
+    checked first.
     """
     place_links(links, postures[0], places)
     _place_balls(balls, places, centres)
@@ -314,7 +315,7 @@ def _free_of_shapes(
     capsules: Matrix, spheres: Matrix, balls: Matrix, shapes: Matrix, boxes: Matrix, places: Matrix,
     ends: Matrix, centres: Matrix, allowed: Matrix, row: int, link: int, rate: float, free: float,
 ) -> float:  # fmt: skip
-    """Return the free fraction of the path by the distances of one link from all things."""
+    """Return the fraction of the path that is free by the distances of one link from obstacles."""
     column = allowed.shape[1] - len(balls) * (1 + len(shapes)) + link
     for b in range(len(shapes)):
         near_m = allowed[row, column + b * len(balls)] + balls[link, RADIUS] + free * rate
@@ -342,7 +343,7 @@ def _free_of_shapes(
 
 
 def _box_distance2(boxes: Matrix, b: int, x: float, y: float, z: float) -> float:
-    """Compute the squared distance of a point from the box around a thing."""
+    """Compute the squared distance of a point from the box around an obstacle."""
     u = max(abs(x - boxes[0, b]) - boxes[3, b], 0.0)
     v = max(abs(y - boxes[1, b]) - boxes[4, b], 0.0)
     w = max(abs(z - boxes[2, b]) - boxes[5, b], 0.0)
@@ -404,7 +405,7 @@ def _free_of_pair(
     capsules: Matrix, spheres: Matrix, balls: Matrix, places: Matrix, ends: Matrix, centres: Matrix,
     a: int, b: int, rate: float, allowed_m: float, free: float,
 ) -> float:  # fmt: skip
-    """Return the free fraction of the path by the distances of two links."""
+    """Return the fraction of the path that is free by the distance between two links."""
     for i in range(int(balls[a, FIRST_CAPSULE]), int(balls[a, LAST_CAPSULE])):
         x, y, z = spheres[_BALL + 1, i], spheres[_BALL + 2, i], spheres[_BALL + 3, i]
         near_m = spheres[_BALL, i] + allowed_m + free * rate
@@ -433,7 +434,7 @@ def _distance2(x: float, y: float, z: float) -> float:
 
 
 def _shortened(free: float, slack_m: float, rate: float) -> float:
-    """Return a free fraction, shortened to what one distance allows; -1 in contact."""
+    """Return the free fraction of the path, cut to what one distance allows; -1 in contact."""
     if slack_m < -_TOUCH_M:
         return -1.0
     if slack_m + _UNSEEN_M < free * rate:

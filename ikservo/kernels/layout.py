@@ -28,7 +28,7 @@ J_WEIGHTED       = 21       # (6, n) Jacobian of the weighted residual, G
 NORMAL           = 27       # (6, 6) G Gᵀ
 HESSIAN          = 33       # (n, n) second derivative of half the squared residual; column n keeps
                             # its diagonal
-END_POINTS       = 33       # (restarts, n) ends of quick attempts, from n rows further down
+END_POINTS       = 33       # (restarts, n) results of quick attempts; begins n rows further down
 
 # Entries of NORMS.
 POS_ERR2         = 0        # squared distance from the wanted position
@@ -36,10 +36,10 @@ ROT_ERR2         = 1        # squared chord from the wanted orientation
 TRACE_LEN        = 2        # rows of the trace that are filled
 
 # Rows of the scores (SCORE_ROWS, restarts), with one entry per seed.
-SEED_COST        = 0        # its expected squared error
+SEED_COST        = 0        # expected squared error of the seed
 SEED_COS         = 1        # the error's coefficient of the cosine of the first joint's turn
-SEED_SIN         = 2        # the same of the sine
-END_COST         = 3        # the squared error at the end of each attempt, the start's first
+SEED_SIN         = 2        # the error's coefficient of the sine of this turn
+END_COST         = 3        # squared error of each attempt's result; first the start's
 SCORE_ROWS       = 4
 # fmt: on
 
@@ -73,16 +73,16 @@ ROTATION_WEIGHT  = 3        # metres of position error that weigh like one radia
 POSITION_FIRST   = 4        # 1: position first, orientation as well as possible
 TRACK            = 5        # 1: one descent from the start, never past a limit, no full turns
 RESTARTS         = 6        # largest number of starting points, including the start
-EXTRA_RESTARTS   = 7        # number of further ones after the first success, to prefer the nearest
+EXTRA_RESTARTS   = 7        # starting points after the first success, for a nearer solution
 MAX_STEPS        = 8        # largest number of steps from one starting point
 SETTINGS_SIZE    = 9
 
 # A seed is a column (dof + SEED_SIZE,): its joints, then, in the first joint's frame,
 SEED_ROTATION    = 0        # (9,) the tool's R row by row
 SEED_POSITION    = 9        # (3,) the tool's position, metres
-SEED_RADIUS2     = 12       # the square of its distance
-SEED_Q1          = 13       # the first joint's position for these
-SEED_COS_Q1      = 14       # (2,) cosine and sine of the angle by which it may turn to either side
+SEED_RADIUS2     = 12       # the square of the tool's distance
+SEED_Q1          = 13       # the first joint's position for this pose
+SEED_COS_Q1      = 14       # (2,) cosine and sine of the first joint's free angle to either side
 SEED_SIN_Q1      = 15
 SEED_SIZE        = 16
 
@@ -92,7 +92,7 @@ POSITION_ERROR   = 1        # metres from the wanted position
 ROTATION_ERROR   = 2        # radians from the wanted direction or orientation
 REACHED_POINT    = 3        # (3,) the tool's position
 ITERATIONS       = 6
-SEED_INDEX       = 7        # the starting point it comes from, 0 for the start
+SEED_INDEX       = 7        # the starting point from which it was found; 0 for the start
 TRACE_LENGTH_OUT = 8        # number of filled rows of the trace
 RESULT_TAIL      = 9
 
@@ -103,5 +103,6 @@ IDLE_UPPER       = 2
 IDLE_WIDTH       = 3
 # fmt: on
 
-# What ``solve_pose`` returns; 0 if the target is not reached. The last is added to the others.
+# What ``solve_pose`` returns; 0 if the target is not reached. The last is added to one of the
+# others.
 INVALID, NOT_HOMOGENEOUS, IS_REACHED, IDLE_OUTSIDE = -1, -2, 1, 2

@@ -22,10 +22,11 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 
 def ldl_factor(work: Matrix, A: int, n: int, damping: float) -> bool:
-    """Replace the lower triangle of A + damping I = L D Lᵀ by L D; False if not positive.
+    """Replace the lower triangle of A + damping I = L D Lᵀ by L D; False if not positive definite.
 
-    ``A`` is the first of the matrix's n rows in the work array. The diagonal takes the reciprocals
-    of D, because divisions and roots dominate the time of a small system: one division per row.
+    ``A`` is the number of the matrix's first row in the work array; n rows follow from there. The
+    diagonal takes the reciprocals of D, because divisions and roots dominate the time of a small
+    system: one division per row.
     """
     for j in range(n):
         d = work[A + j, j] + damping
@@ -168,7 +169,7 @@ def least_squares(rows: int, damping: float, n: int, work: Matrix) -> None:
 
 
 def _normal_matrix(rows: int, n: int, work: Matrix) -> float:
-    """Fill the lower triangle of H with Gᵀ G; return its trace. Rows not needed are 0."""
+    """Fill the lower triangle of H with Gᵀ G; return its trace. Unused rows of G are 0."""
     trace = 0.0
     for a in range(n):
         g0, g1, g2 = work[J_WEIGHTED, a], work[J_WEIGHTED + 1, a], work[J_WEIGHTED + 2, a]
@@ -226,7 +227,7 @@ def _fill_rhs(n: int, work: Matrix) -> None:
 
 
 def _solve_free_joints(damping: float, n: int, work: Matrix) -> bool:
-    """Fill STEP of the free joints with (H + damping I)⁻¹ RHS; False if that is not positive."""
+    """Fill STEP of free joints with (H + damping I)⁻¹ RHS; False if not positive definite."""
     _remove_fixed_joints(n, work)
     if not ldl_factor(work, HESSIAN, n, damping):
         return False

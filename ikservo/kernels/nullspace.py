@@ -42,10 +42,11 @@ _DAMPING, _FLOOR, _TINY = 1e-3, 1e-13, 1e-300
 def nullspace_descent(
     arm: Matrix, problem: Vector, settings: Vector, trace: Matrix, work: Matrix
 ) -> int:
-    """Reduce the orientation error while the position stays; return the steps taken.
+    """Reduce the orientation error while the position stays; return the number of steps taken.
 
-    Q solves the position, or comes as near as possible. Every iteration takes a step along which
-    the position stays to first order, corrects the position, and is kept if the error got smaller.
+    Q meets the wanted position, or comes as near as possible. Every iteration takes a step along
+    which the position stays to first order, then corrects the position. The result is kept if it
+    reduces the orientation error.
     """
     n, kind, weight = int(arm[0, DOF]), int(settings[KIND]), settings[ROTATION_WEIGHT]
     margin_m = _POSITION_MARGIN * settings[TOLERANCE_M]
@@ -104,7 +105,7 @@ def _rotation_step(rows: int, damping: float, radius: float, n: int, work: Matri
 
 
 def _fix_blocked_joints(n: int, work: Matrix) -> bool:
-    """Fix the joints that are at a limit and step beyond it; return whether there are none."""
+    """Fix joints at a limit that the step would move beyond it; return whether there are none."""
     none = True
     for j in range(n):
         step, q = work[STEP, j], work[Q, j]

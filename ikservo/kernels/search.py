@@ -55,7 +55,7 @@ from ikservo.kernels.seeding import (
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import COLUMN, DOF, STEPS, WIDTH
 
-# Results whose errors differ by less are equally good: the one nearer the start is taken.
+# Results whose errors differ by less are equally good: the result nearer the start is taken.
 _SAME_M, _SAME_CHORD = 1e-7, 1e-6
 
 
@@ -94,14 +94,14 @@ def is_better(
 
 
 def _hypot(a: float, b: float) -> float:
-    """Compute the length of (a, b); ``math.hypot`` rounds differently from the C library."""
+    """Compute the length of (a, b); ``math.hypot`` does not round as the C library does."""
     return math.sqrt(a * a + b * b)
 
 
 def write_result(
     reached: bool, seed: int, n: int, trace: Matrix, work: Matrix, result: Vector
 ) -> None:
-    """Write the attempt into the result, and copy its trace to the returned half."""
+    """Write the attempt into the result, and copy its trace to the half that is returned."""
     for r in range(int(work[NORMS, TRACE_LEN])):
         for j in range(n):
             trace[len(trace) // 2 + r, j] = trace[r, j]
@@ -142,7 +142,7 @@ def attempt(
     set_bounds(arm, free_turns, work)
     steps += minimise(arm, problem, settings, weight, max_stalled, trace, work)
     if free_turns and wrap_full_turns(arm, start, work):
-        # again, now with the gap in a range below a full turn
+        # again, now without the positions outside a range below a full turn
         set_bounds(arm, False, work)
         steps += minimise(arm, problem, settings, weight, max_stalled, trace, work)
     if first and not converged(settings, 1.0, work):
@@ -155,7 +155,7 @@ _ROTATION_TOLERANCE = 1e-5
 
 
 def all_within(values: Vector, furthest: float) -> bool:
-    """Check whether all values are at most that far from 0, and none is NaN."""
+    """Check whether all values are at most ``furthest`` from 0, and none is NaN."""
     for i in range(len(values)):  # noqa: SIM110  # generators are not translated
         if not abs(values[i]) <= furthest:
             return False
@@ -182,7 +182,7 @@ def is_rotation(problem: Vector, kind: int) -> bool:
 _MAX_STALLED_STEPS, _MAX_STALLED_AT_START, _UNLIMITED = 2, 4, 1 << 30
 # After a solution this early, further attempts look for a nearer one.
 _EARLY = 4
-# Number of ends to refine; with position first all, because the best shows only then.
+# Number of results to refine; with position first all of them, because only then is the best known.
 _REFINED = 24
 
 
@@ -296,13 +296,13 @@ def _solve_one(
     scores: Matrix,
     result: Vector,
 ) -> None:
-    """Try the starting points in turn until one reaches; if none does, refine the best ends.
+    """Try the starting points until an attempt reaches the target, or refine the best results.
 
-    Three phases: QUICK attempts from the start and the seeds; MORE, see below; THOROUGH attempts
-    from the best ends. With weights the phase MORE starts between the best end and the seeds,
-    because a local minimum near the target is often beside the path; some quick attempts also do.
-    With POSITION_FIRST it descends to the wanted position alone, from the ends and starts of the
-    first attempts.
+    The best results are refined if no attempt reaches the target. Three phases: QUICK attempts from
+    the start and the seeds; MORE, see below; THOROUGH attempts from the best results. With weights,
+    the attempts of MORE, and some quick ones, start between the best result and the seeds, because
+    a local minimum near the target often lies between them. With POSITION_FIRST the attempts of
+    MORE descend to the wanted position alone, from the results and starts of the first attempts.
     """
     n, restarts = int(arm[0, DOF]), int(settings[RESTARTS])
     first = puts_position_first(settings)
@@ -312,7 +312,7 @@ def _solve_one(
     steps, least, k, last = 0, math.inf, 0, restarts + hops_between(settings)
     while k < last:
         thorough, position_only = phase == THOROUGH, first and phase == MORE
-        # An end at a limit may meet the position although a full turn leads to a better place.
+        # A result at a limit may meet the position although a full turn leads to a better one.
         free_turns = not thorough and not (position_only and k < restarts)
         seed = start_attempt(arm, problem, settings, start, seeds, phase, k, n, scores, work)
         max_stalled = (

@@ -44,7 +44,7 @@ from ikservo.kinematics.packed import COLUMN, POSITION
 def score_seeds(
     arm: Matrix, problem: Vector, settings: Vector, seeds: Matrix, n: int, scores: Matrix
 ) -> None:
-    """Fill SEED_COST with every seed's squared error at its best first joint, up to a constant."""
+    """Fill SEED_COST with each seed's squared error with the best first joint, up to a constant."""
     kind, count = int(settings[KIND]), int(settings[RESTARTS]) - 1
     for k in range(count):
         scores[SEED_COS, k], scores[SEED_SIN, k] = 0.0, 0.0
@@ -102,7 +102,7 @@ def _add_seed_products(
     count: int,
     scores: Matrix,
 ) -> None:
-    """Add the inner products of a wanted vector (v0, v1, v2) with the seeds' from ``row`` on."""
+    """Add the inner products of a wanted vector (v0, v1, v2) with the seeds' rows from ``row``."""
     x = share * (arm[1, 0] * v0 + arm[1, 3] * v1 + arm[1, 6] * v2)
     y = share * (arm[1, 1] * v0 + arm[1, 4] * v1 + arm[1, 7] * v2)
     z = share * (arm[1, 2] * v0 + arm[1, 5] * v1 + arm[1, 8] * v2)
@@ -115,11 +115,11 @@ def _add_seed_products(
 
 
 QUICK, MORE, THOROUGH = 0, 1, 2
-# Fraction of the distance from the best end to a seed at which a further attempt starts.
+# Fraction of the distance from the best result to a seed at which a further attempt starts.
 _HOP_FRACTION = 0.35
-# This many attempts start at seeds; then every other one starts between the best end and a seed.
+# This many attempts start at seeds; then every second one between the best result and a seed.
 _ALONE, _HOPS = 12, 40
-# With position first, ends that miss the position rank after all ends that reach it.
+# With position first, results that miss the position rank after all results that reach it.
 _FAR = 1e6
 
 
@@ -159,7 +159,7 @@ def start_attempt(
 
 
 def hops_between(settings: Vector) -> int:
-    """Count the quick attempts that start between the best end and a seed."""
+    """Count the quick attempts that start between the best result and a seed."""
     return (
         0 if puts_position_first(settings) else max(0, min(_HOPS, int(settings[RESTARTS]) - _ALONE))
     )
@@ -171,7 +171,7 @@ def puts_position_first(settings: Vector) -> bool:
 
 
 def reset_scores(restarts: int, scores: Matrix) -> None:
-    """Forget the ends of the previous problem's attempts."""
+    """Forget the results of the previous problem's attempts."""
     for k in range(restarts):
         scores[END_COST, k] = math.inf
 
@@ -179,7 +179,7 @@ def reset_scores(restarts: int, scores: Matrix) -> None:
 def record_end(
     settings: Vector, position_only: bool, seed: int, n: int, scores: Matrix, work: Matrix
 ) -> None:
-    """Store the end of a quick attempt, unless its seed has led to a better end before."""
+    """Store the result of a quick attempt, unless its seed has led to a better result before."""
     row, weight, tolerance_m = (
         END_POINTS + n + seed,
         settings[ROTATION_WEIGHT],
@@ -203,7 +203,7 @@ def _restart_from_scores(
     scores: Matrix,
     work: Matrix,
 ) -> int:
-    """Start from every end, then from every seed; the weighted errors of the ends are dropped."""
+    """Start from every result, then from every seed; the results' weighted errors are dropped."""
     restarts = int(settings[RESTARTS])
     if k >= restarts:
         _load_seed(start, seeds, k - restarts, n, work)
@@ -222,7 +222,7 @@ def _start_between(
     scores: Matrix,
     work: Matrix,
 ) -> None:
-    """Start between the best end and a seed."""
+    """Start between the best result and a seed."""
     _load_seed(start, seeds, k, n, work)
     best = END_POINTS + n + _best_end_index(settings, scores)
     for j in range(n):
@@ -245,7 +245,7 @@ def _best_end_index(settings: Vector, scores: Matrix) -> int:
 
 @vectorised
 def _least_index(scores: Matrix, row: int, count: int) -> int:
-    """Return the index of the smallest of a row's first entries, the first one of several."""
+    """Return the index of the smallest of a row's first entries; of equal ones, the first."""
     best, least = 0, scores[row, 0]
     for k in range(1, count):
         # kept in a register: reading it from the array would make each comparison wait for the last

@@ -114,7 +114,7 @@ def solve_pose(
         results: (1, 2 dof + RESULT_TAIL), filled.
         axis: The tool axis (3,) that a direction is compared with, in the tool's frame.
         idle: Joints that do not move the tool (k, IDLE_WIDTH): column, lower and upper limit. They
-            stay at the start if that is inside; otherwise they are left to the caller.
+            stay at the start if it is inside the limits; otherwise the caller must move them.
         T: The wanted pose T_world_tool (4, 4).
         q0: The start (dof,).
 

@@ -1,4 +1,4 @@
-"""Moves joints to where the tool keeps limits of its tilt and place: compiled, for searches.
+"""Compiled projection for searches: move joints so that the tool keeps limits of tilt and place.
 
 Angles are compared by chords, as in ``forward_kinematics``.
 """
@@ -20,7 +20,7 @@ from ikservo.kinematics.packed import DOF, LOWER, STEPS, UPPER
 _IS_ANGLE, _MOST, _OWN, _WORLD, _WIDTH = 0, 1, 2, 5, 8
 
 _STEPS, _LONGEST, _DAMPING, _ROWS = 25, 0.3, 1e-6, 6
-# Limits are kept with this margin [m, or chord]; a point is met within this tolerance [m].
+# Limits are kept with this margin [m, or chord]; the point is met within this tolerance [m].
 _BEYOND, _MET_M = 1e-4, 5e-6
 _TINY = 1e-9
 
@@ -70,7 +70,7 @@ def limits_fit(
 def project_tool(
     arm: Matrix, limits: Matrix, work: Matrix, target: Vector, aims: bool, joints: Vector
 ) -> bool:
-    """Move joints (n,) to the nearest ones, or nearly so, that keep limits.
+    """Move joints (n,) to those that keep the limits and are nearest, or nearly so.
 
     Args:
         arm: The packed chain.
@@ -81,7 +81,7 @@ def project_tool(
         joints: The joints (n,) at the start, replaced by the joints that were found.
 
     Returns:
-        Whether they keep the limits.
+        Whether the found joints keep the limits.
     """
     n = int(arm[0, DOF])
     for j in range(n):
@@ -122,7 +122,7 @@ def keeps_limits(arm: Matrix, limits: Matrix, work: Matrix, joints: Vector) -> b
 
 
 def _point_rows(target: Vector, aims: bool, n: int, work: Matrix) -> bool:
-    """Fill the rows of the point, or with zeros if there is none; return whether it is met."""
+    """Fill the rows of the point, with zeros if there is no point; return whether it is met."""
     met = True
     for r in range(3):
         error = target[r] - work[TOOL_POSE, 9 + r]
@@ -145,7 +145,7 @@ def _take_step(arm: Matrix, n: int, work: Matrix) -> None:
 
 
 def _beyond(limits: Matrix, i: int, n: int, work: Matrix, row: int) -> float:
-    """Return the excess over a limit; if there is one, fill a row with its gradient."""
+    """Return the excess over a limit; if it is exceeded, fill a row with the excess's gradient."""
     a0, a1, a2 = limits[i, _OWN], limits[i, _OWN + 1], limits[i, _OWN + 2]
     w0, w1, w2 = limits[i, _WORLD], limits[i, _WORLD + 1], limits[i, _WORLD + 2]
     if limits[i, _IS_ANGLE] == 0.0:

@@ -1,4 +1,4 @@
-"""Search for paths around things, compiled: RRT-Connect, or CBiRRT for a constrained tool.
+"""Search for paths around obstacles, compiled: RRT-Connect, or CBiRRT for a constrained tool.
 
 Two trees of straight motions grow, one from the start and one from the goals, until they meet
 (Kuffner and LaValle 2000). If the tool is constrained, they grow in short steps, each of which is
@@ -19,14 +19,14 @@ from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 
 # The entries of ``state``: two random numbers, the sizes of both trees, the nodes of both trees at
 # which they met (-1: not yet), the number of postures checked, and what the last blocked posture
-# touched (see ``free_fraction``; -1: nothing yet), because the next ones often touch the same.
+# touched (see ``free_fraction``; -1: nothing yet), because the next postures often touch the same.
 CHANCE, SIZES, MET, LOOKED, HIT, STATE_SIZE = 0, 2, 4, 6, 7, 8
 # The rows of ``buffer``: the random target, the end of a motion, and a posture on it.
 AIM, NEW, MIDDLE, BUFFER_ROWS = 0, 1, 2, 3
 
 _REACH_RAD = 0.5  # length of one motion of a tree
-# One projected step of a tree: its length, the smallest approach to the target as a fraction of it,
-# and the largest displacement by the projection as a multiple of it.
+# One projected step of a tree: its length; as multiples of this length, the smallest approach to
+# the target and the largest displacement by the projection.
 _STEP_RAD = 0.3
 _NEARER = 0.1
 _FURTHEST = 2.0
@@ -39,7 +39,7 @@ _MOST_SAMPLES = 1e6  # samples of one motion
 _TURN_RAD = 0.05  # largest turn between two samples with a constrained tool
 # Two random number generators, which are combined (L'Ecuyer 1988).
 _FACTOR_A, _MODULUS_A = 40014, 2147483563
-_FACTOR_B, CHANCES = 40692, 2147483399  # the latter: upper bound of seeds
+_FACTOR_B, CHANCES = 40692, 2147483399  # the second one is the upper bound of seeds
 
 
 def search_fits(
@@ -50,7 +50,7 @@ def search_fits(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int,
 ) -> bool:  # fmt: skip
-    """Check whether arrays have the shapes that ``grow_trees`` needs, and indices exist."""
+    """Check whether arrays have the shapes that ``grow_trees`` needs, and their indices exist."""
     n, half = nodes.shape[1], len(nodes) // 2
     point = np.empty(3)
     if len(buffer) != BUFFER_ROWS or buffer.shape[1] != n or len(state) != STATE_SIZE:
@@ -109,18 +109,18 @@ def grow_trees(
     arm: The packed chain of a constrained tool.
     projected: (k, 8) limits of the tool that a projection meets; no rows for a free tool.
     kept: (k, 8) limits of the tool that are checked on a motion.
-    tool: (dof of the chain, 2) column and unit of its joints.
+    tool: (dof of the chain, 2) column and unit of the chain's joints.
     work: The work array of the chain.
     joints: (dof of the chain,), work array.
     buffer: (3, n), work array.
     nodes: (2 m, n) the postures of the first tree, and from row m on those of the second.
-    parents: (2 m,) the row from which each was reached; -1 for a root.
+    parents: (2 m,) the row of the node from which each node was reached; -1 for a root.
     state: (8,) state of the search, see above, from which it continues.
-    step_m: No point of the arm moves further than this between two samples of a motion.
-    most: The number of postures after which it returns, at the end of a step.
+    step_m: Largest motion of any point of the arm between two samples of a motion.
+    most: Number of checked postures after which the search pauses, at the end of a step.
 
     Returns:
-        Whether they met; also False if a tree is full.
+        Whether the trees met; also False if a tree is full.
     """
     for c in range(len(rates)):
         rates[c] = 0.0
@@ -159,7 +159,7 @@ def _grow(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int, tree: int,
 ) -> int:  # fmt: skip
-    """Grow a tree towards the target as far as it is free; return the row that is reached."""
+    """Grow a tree towards the target as far as motions are free; return the node where it ends."""
     aim, new, half = buffer[AIM], buffer[NEW], len(nodes) // 2
     first = tree * half
     at, nearest = first, math.inf
@@ -208,10 +208,10 @@ def shorten_way(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int,
 ) -> bool:  # fmt: skip
-    """Shorten a path by straight motions between random points of it, and between its corners.
+    """Shorten a path by straight motions between its corners, and between random points on it.
 
-    The path is in the first rows of ``nodes``, as many as the size of the first tree, and is
-    replaced. The other arguments are those of ``grow_trees``. Always returns True.
+    The path is in the first rows of ``nodes``, as many as the size of the first tree; the shortened
+    path replaces it. The other arguments are those of ``grow_trees``. Always returns True.
     """
     for c in range(len(rates)):
         rates[c] = 0.0
@@ -275,7 +275,7 @@ def _cut_corners(
 
 
 def _point_along(nodes: Matrix, distance: float, point: Vector) -> int:
-    """Fill the point at a distance along a path; return the row before it."""
+    """Fill in the point at a distance along a path; return the row before it."""
     i, length = 0, _distance(nodes[0], nodes[1])
     while distance > length and i < len(nodes) - 2:
         distance -= length
@@ -305,7 +305,7 @@ def _is_motion_free(
     tool: Matrix, work: Matrix, joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector,
     state: IntVector, step_m: float, most: int, start: Vector, end: Vector,
 ) -> bool:  # fmt: skip
-    """Check a straight motion at its end, its middle, its quarters and so on."""
+    """Check whether a straight motion is free: at its end, its middle, its quarters and so on."""
     count, gap = _sample_count(links, reach, body, projected, step_m, start, end), 2
     while gap < 2 * count:
         gap *= 2

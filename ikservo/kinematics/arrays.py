@@ -61,13 +61,13 @@ def array_of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vect
 
 
 def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expected: str) -> Vector:
-    """Return ``values`` as (size,) floats with magnitudes up to ``most``.
+    """Return ``values`` as (size,) floats whose magnitudes are at most ``most``.
 
     Raises:
         BadValueError: ``finite_array`` refuses the values, or a number is larger than allowed.
     """
     array, is_short = array_of_shape(values, (size,), what), size <= _FEW
-    if is_short and math.hypot(*array.tolist()) <= most:  # false for NaN, too
+    if is_short and math.hypot(*array.tolist()) <= most:  # this comparison is false for NaN, too
         return array
     if float(np.abs(_require_finite(array, what)).max()) > most:
         raise BadValueError(what, array.tolist(), expected)
@@ -75,7 +75,7 @@ def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expecte
 
 
 def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
-    """Return ``values`` as an array of floats of any shape; raise if not possible.
+    """Return ``values`` as an array of floats of any shape; raise an error if that is impossible.
 
     Strings, booleans and complex numbers are not accepted.
     """
@@ -117,10 +117,10 @@ def _field_names(kind: type) -> tuple[str, ...]:
 
 def _require_finite(array: Vector, what: str) -> Vector:
     is_short = array.ndim == 1 and len(array) <= _FEW
-    if is_short and math.hypot(*array.tolist()) <= LARGEST:  # false for NaN, too
+    if is_short and math.hypot(*array.tolist()) <= LARGEST:  # this comparison is false for NaN, too
         return array
     if not np.isfinite(array).all():
         raise BadValueError(what, str(array.tolist()), "finite numbers")
     if array.size and float(np.abs(array).max()) > LARGEST:
-        raise BadValueError(what, str(array.tolist()), f"numbers between ±{LARGEST:g}")
+        raise BadValueError(what, str(array.tolist()), f"numbers within ±{LARGEST:g}")
     return array

@@ -26,9 +26,9 @@ from ikservo.kinematics.arrays import (
 )
 from ikservo.kinematics.dynamics import Dynamics
 
-# A parameter whose effect on the torques is a smaller fraction of the largest effect has none. On
-# the arms of the catalogue, at rest or at 0.3 rad/s and more, relevant parameters have more than
-# 5e-4; rounded angles in a file (1.5708) give others less than 3e-6.
+# A parameter counts as without effect if its effect on the torques is a smaller fraction of the
+# largest effect. On the arms of the catalogue, at rest or at 0.3 rad/s and more, relevant
+# parameters have more than 5e-4; rounded angles in a file (1.5708) give others less than 3e-6.
 _TOLERANCE = 3e-5
 _ROUNDING = 1e-12  # fraction of the largest effect
 _MOTIONS = 200  # random motions to evaluate
@@ -76,7 +76,7 @@ def base_parameters(
     tolerance: float = _TOLERANCE,
     seed: int = 0,
 ) -> BaseParameters:
-    """Return the base parameters of an arm, from random motions inside its limits.
+    """Compute the base parameters of an arm from random motions inside its limits.
 
     Args:
         dynamics: The arm; only its geometry and gravity matter, not its parameters.
@@ -92,7 +92,7 @@ def base_parameters(
     speed = _at_least_zero(speed_rad_s, "The speed")
     acceleration = _at_least_zero(acceleration_rad_s2, "The acceleration")
     random, chain = np.random.default_rng(seed), dynamics.chain
-    # A continuous joint moves by a full turn.
+    # A continuous joint may move by a full turn.
     low = np.where(np.isfinite(chain.lower_rad), chain.lower_rad, -np.pi)
     high = np.where(np.isfinite(chain.upper_rad), chain.upper_rad, np.pi)
     shape = (_MOTIONS, chain.dof)
@@ -109,16 +109,16 @@ def independent_columns(
 ) -> BaseParameters:
     """Return the columns of a stacked regressor that are independent of earlier ones.
 
-    This is the method of Gautier 1991, with the parameters in their order: those of a body are
-    combined into those of the bodies that carry it. In the QR decomposition, R has the same lengths
-    and angles of columns as the regressor, but no more rows than there are parameters. Additional
-    columns, for friction or a scale of the current, may follow those of the inertia.
+    This is the method of Gautier 1991, with the parameters in their order: the parameters of a body
+    are combined into those of the bodies that carry it. In the QR decomposition, R has the same
+    lengths and angles of columns as the regressor, but no more rows than there are parameters.
+    Additional columns, for friction or a scale of the current, may follow those of the inertia.
 
     Args:
         regressor: The regressor (m, p), one row per torque.
         typical: Size of each parameter (p,), so that effects on the torques can be compared.
-        tolerance: Effect that a column must add to earlier ones, relative to the largest effect of
-            all. Torques of the reduced regressor are exact to this tolerance.
+        tolerance: Effect that a column must add to the earlier columns, relative to the largest
+            effect of all columns. Torques of the reduced regressor are exact to this tolerance.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, a typical size is not above zero,
@@ -140,7 +140,7 @@ def independent_columns(
 
 
 def _select_columns(Y: Matrix, least: float) -> IntVector:
-    """Select the columns whose part independent of earlier ones is longer than ``least``."""
+    """Select the columns whose part that is independent of earlier columns exceeds ``least``."""
     basis = np.empty((0, len(Y)))
     columns: list[int] = []
     for column in range(Y.shape[1]):

@@ -1,8 +1,9 @@
 """Moving bodies of a chain as stacked arrays: their poses and the twists of their joints.
 
 A body is a link that a joint of q moves, with all links that are fixed to it. Links that q does not
-move (such as those of a gripper beside the path to the tip) are fixed to the body that carries
-them. The first axis of all arrays is the body, parents first, the second one the sample.
+move (such as the jaws of a gripper, which are not on the path to the tip) are fixed to the body
+that carries them. The first axis of all arrays is the body, parents first, the second axis the
+sample.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class BodyTree:
         gears: Multipliers (n, dof) in the values ``gears @ q + shifts``, mimic joints included.
         shifts: Offsets of the values (n, 1), rad or m.
         slides: Whether each joint is prismatic (n, 1).
-        poses_still: The part of T_parent_body that does not depend on q (n, 1, 4, 4).
+        poses_still: The part of T_parent_body (n, 1, 4, 4) that does not depend on q.
         poses_sine: The part that is multiplied by the sine of the value, or by the value itself for
             a prismatic joint (n, 1, 4, 4).
         poses_cosine: The part that is multiplied by the cosine (n, 1, 4, 4).

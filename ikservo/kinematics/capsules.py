@@ -16,9 +16,9 @@ class Capsule:
     """All points within a radius of a segment, fixed to a link.
 
     Attributes:
-        link: Name of the link with which it moves.
+        link: Name of the link with which the capsule moves.
         start_m: One end of the segment (3,), link coordinates, metres.
-        end_m: The other end (3,); equal for a sphere.
+        end_m: The other end (3,); for a sphere, the same point.
         radius_m: The radius.
     """
 
@@ -50,7 +50,7 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
     d1, d2, r = q1 - p1, q2 - p2, p1 - p2
     a, e, b = _row_dot(d1, d1), _row_dot(d2, d2), _row_dot(d1, d2)
     c, f = _row_dot(d1, r), _row_dot(d2, r)
-    # Parallel segments and points have no single closest pair: any s can be the start.
+    # Parallel segments and points do not have a single closest pair: any s can be the start.
     crossing = np.maximum(a * e - b * b, _TINY)
     s = _clamp_unit_interval((b * f - c * e) / crossing)
     t = _clamp_unit_interval((b * s + f) / np.maximum(e, _TINY))

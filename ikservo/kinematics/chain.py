@@ -35,23 +35,24 @@ from ikservo.kinematics.se3 import make_pose
 class Chain:
     """The joints that move the tip, and every link connected to them.
 
-    ``q`` is (dof,): rad for revolute joints, m for prismatic ones, ordered from base to tip.
-    Joints beside the path to the tip (a gripper's jaw) are at the value nearest zero inside their
-    limits, so that every link of the arm can be used as a frame. A joint that others follow (mimic)
-    has limits that also keep its followers inside theirs.
+    ``q`` is (dof,): rad for revolute joints, m for prismatic ones, ordered from base to tip. Joints
+    that are not on the path to the tip (a gripper's jaw) are at the value nearest zero inside their
+    limits, so that every link of the arm can be used as a frame. A joint that other joints follow
+    (mimic) has limits that also keep its followers inside their own.
 
-    An arm that yields behind its joints' sensors has ``link_joints``: poses are then those of its
-    links for joint vectors that the sensors measure; ``jacobian`` refers to the link joints.
+    An arm that bends between its joints' sensors and its links has ``link_joints``: poses are then
+    those of the links for joint vectors that the sensors measure; ``jacobian`` refers to the link
+    joints.
 
     Attributes:
         base: The root link; its coordinates are world coordinates.
         tip: The default frame of ``forward`` and ``jacobian``.
         names: Names of the moving joints, base to tip.
-        lower_rad: Lower limits (dof,), rad (m for a prismatic joint); -inf for a continuous one.
+        lower_rad: Lower limits (dof,), rad (m for a prismatic joint); -inf for a continuous joint.
         upper_rad: Upper limits (dof,).
         kinds: The type of each joint.
-        link_joints: Returns the link joints (dof,) or (n, dof) from the sensor joints (see
-            ``bending``); None for an arm that does not yield.
+        link_joints: Computes the link joints (dof,) or (n, dof) from the sensor joints (see
+            ``bending``); None if the arm does not bend between sensors and links.
     """
 
     base: str
@@ -65,10 +66,10 @@ class Chain:
 
     @classmethod
     def from_joints(cls, joints: Sequence[Joint], base: str, tip: str) -> Chain:
-        """Build the chain from ``base`` to ``tip`` in a tree of joints, given in any order.
+        """Build the chain from ``base`` to ``tip`` from a tree of joints, given in any order.
 
         Raises:
-            InputError: No joint on the path to the tip moves, or mimics leave a joint no range.
+            InputError: No joint on the path to the tip moves, or followers leave a joint no range.
             UnknownNameError: ``tip`` is not connected to ``base``, or a mimic's leader is missing.
         """
         paths = joints_to_each_link(joints, base)
@@ -134,7 +135,7 @@ class Chain:
         return replace(self, lower_rad=read_only(low), upper_rad=read_only(high))
 
     def with_slide(self, axis: ArrayLike, lower_m: float, upper_m: float) -> Chain:
-        """Return a copy with an added prismatic joint, which moves the tip along its axis (3,).
+        """Return a copy with an added prismatic joint, which moves the tip along ``axis`` (3,).
 
         Raises:
             BadValueError: ``axis`` has a wrong shape or is not finite.
@@ -157,7 +158,7 @@ class Chain:
         )
 
     def with_frame(self, name: str, link: str) -> Chain:
-        """Return a copy with another frame, fixed to a link, in the link's coordinates.
+        """Return a copy with a new frame, which is fixed to a link, in the link's coordinates.
 
         Raises:
             UnknownNameError: There is no link named ``link``.
@@ -282,7 +283,7 @@ class Chain:
         return poses
 
     def _links(self, q: ArrayLike) -> Vector:
-        """Return the link joints (dof,) or (n, dof) for joints that the sensors measure."""
+        """Compute the link joints (dof,) or (n, dof) from the joints that the sensors measure."""
         joints = finite_vectors(q, self.dof, "q")
         return joints if self.link_joints is None else self.link_joints(joints)
 
@@ -326,7 +327,7 @@ def joint_torques(
     frame: str | None = None,
     offset_m: ArrayLike | None = None,
 ) -> Vector:
-    """Compute the joint torques due to a force at a point of the arm: ``tau = Jᵀ F``.
+    """Compute the joint torques that a force at a point of the arm causes: ``tau = Jᵀ F``.
 
     A small motion dq of the joints moves the point by ``J dq``, and the force does the work ``Fᵀ J
     dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. An external force F on the

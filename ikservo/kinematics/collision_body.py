@@ -23,12 +23,10 @@ _MARGIN_M = 0.004
 class LinkTravelBounds:
     """Bounds on the motion of any point of a link's capsules, per unit of each joint.
 
-    A point moves by at most the joint's angle times its distance from the axis. This distance is
-    known for the first joint at the link; for others it is at most the sum of lengths in between.
-
-    Args:
-        chain: The arm; its limits bound the travel of prismatic joints in between.
-        capsules: The capsules of all links.
+    A point moves by at most the joint's angle times the point's distance from the axis. This
+    distance is known for the joint that carries the link itself; for earlier joints it is at most
+    the sum of the lengths up to that joint. Limits of the chain bound the travel of prismatic
+    joints in between.
     """
 
     def __init__(self, chain: Chain, capsules: Sequence[Capsule]) -> None:
@@ -44,7 +42,7 @@ class LinkTravelBounds:
     def relative_bound(self, a: str, b: str) -> Vector:
         """Bound how far each joint (dof,) can bring two links closer; 0 for joints that move both.
 
-        Either of them may be considered at rest.
+        Either link may be considered at rest.
         """
         paths = self._chain.joints_to(a), self._chain.joints_to(b)
         common = {step.joint.name for step in paths[0]} & {step.joint.name for step in paths[1]}
@@ -54,13 +52,7 @@ class LinkTravelBounds:
     def _sum_steps(
         self, link: str, inwards: Sequence[ChainJoint], outwards: Sequence[ChainJoint]
     ) -> Vector:
-        """Sum the bounds of the joints from a link to its branch, and from there to another link.
-
-        Args:
-            link: The link whose points move.
-            inwards: The joints that lead to it.
-            outwards: The joints that lead to the other link.
-        """
+        """Sum the bounds of the joints from a link to the fork, and from there to another link."""
         reach_m, points_m = np.zeros(self._chain.dof), self._points_m.get(link, np.zeros((1, 3)))
         length_m = float(np.linalg.norm(points_m, axis=1).max())
         is_known = True  # whether the points are known in the present frame
@@ -96,10 +88,10 @@ def _farthest(points_m: Matrix, is_known: bool, otherwise_m: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairDistances:
-    """Distances between pairs of things in several postures.
+    """Distances of pairs, of links or of a link and an obstacle, in several postures.
 
     Attributes:
-        pairs: The names of each pair: a link, and another link or a thing.
+        pairs: The names of each pair: a link, and another link or an obstacle.
         gap_m: Distances between their surfaces (n, pairs), metres; negative if they overlap.
     """
 
@@ -111,11 +103,11 @@ class PairDistances:
 
 
 class CollisionBody:
-    """The capsules of all links, and the pairs of links that may come near each other.
+    """The capsules of all links, and the pairs of links whose distances are checked.
 
-    Links that are joined to each other touch by design and are left out. Capsules are thicker than
-    the parts that they cover: if a pair overlaps in a posture known to be free, its distance there
-    counts as zero.
+    Links that are joined to each other touch by design, and their pairs are left out. Capsules are
+    thicker than the parts that they cover: if a pair overlaps in a posture known to be free, its
+    distance in this posture counts as zero.
 
     Args:
         chain: The arm, whose joints ``q`` (dof,) determine the poses of the links.
@@ -134,7 +126,7 @@ class CollisionBody:
         for link in self._links:
             joints = [step.joint for step in chain.joints_to(link)]
             moving[link] = frozenset(j.name for j in joints if j.kind is not JointType.FIXED)
-        # One moving joint between two links means that it joins them.
+        # Two links with one moving joint between them are joined to each other.
         pairs = itertools.combinations(self._links, 2)
         self.pairs = tuple((a, b) for a, b in pairs if len(moving[a] ^ moving[b]) > 1)
         self._ones, self._others, self._first = self._capsule_pairs()
@@ -151,13 +143,8 @@ class CollisionBody:
     def with_attached(self, name: str, link: str, capsules: Sequence[Capsule]) -> CollisionBody:
         """Return the body with a thing fixed to one of its links.
 
-        The thing may touch that link, and the links that a single joint connects to that link.
-
-        Args:
-            name: The name of the thing, which no link has.
-            link: The link.
-            capsules: The capsules of the thing, in coordinates of the link; their ``link`` is the
-                thing's name.
+        The thing may touch that link, and the links that a single joint connects to that link. Its
+        capsules are in coordinates of the link; their ``link`` is the thing's name.
         """
         body = CollisionBody(self._chain.with_frame(name, link), [*self._capsules, *capsules])
         overlaps = dict(zip(self.pairs, self._overlap_m.tolist(), strict=True))

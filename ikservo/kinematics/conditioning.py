@@ -2,7 +2,7 @@
 
 Singular values of a Jacobian with rows in both metres and radians have no meaning. Here the linear
 rows are evaluated first, then the angular rows for joint motions that leave the point at rest. The
-pose loses a degree of freedom exactly if a singular value of either is zero.
+pose loses a degree of freedom exactly if a singular value of either group of rows is zero.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def manipulability(J: Matrix) -> Vector:
 def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
     """Return the distance (dof,) or (n, dof) of each joint to its nearer limit, rad or m.
 
-    It is negative outside, and infinite for a continuous joint.
+    It is negative outside the limits, and infinite for a continuous joint.
     """
     joints = np.asarray(q, dtype=np.float64)
     return np.minimum(joints - chain.lower_rad, chain.upper_rad - joints)
@@ -47,17 +47,17 @@ _FRACTIONS = 0.5 ** np.arange(6)  # fractions of Newton's step that are tried
 _ZERO = 1e-6  # a posture with a singular value below this is singular, m/rad or rad/rad
 _DIFFERENCE_RAD = 1e-6
 _MAX_STEP_RAD = 0.3
-# Offset of each joint to either side of a posture, for further start postures.
+# Offset of each joint to either side of the given posture, for further start postures.
 _START_OFFSET_RAD = 0.7
 _MIN_DERIVATIVE = 1e-300
 
 Measure = Callable[[Vector], Vector]
-"""Takes joints (n, dof); returns a singular value of each (n,)."""
+"""Takes joint vectors (n, dof); returns a singular value for each (n,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Conditioning:
-    """The mobility of one point of the arm in one posture.
+    """The mobility of a point of the arm in a posture.
 
     One metre of a prismatic joint counts as one radian.
 
@@ -66,8 +66,9 @@ class Conditioning:
         moves_m_rad: Motion of the point per radian of joint motion along each of its principal
             directions, the largest first [m/rad]: the singular values of the linear rows. Their
             number is the arm's degrees of freedom for positions, 2 in a plane.
-        turns_rad_rad: Rotation of its link per radian of joint motion that leaves the point at
-            rest, in the same way [rad/rad]; empty if there is no such motion.
+        turns_rad_rad: Rotation of the point's link about each of its principal directions, per
+            radian of joint motion that leaves the point at rest [rad/rad]; empty without such
+            motions.
     """
 
     manipulability: float
@@ -135,9 +136,9 @@ def nearest_singularity(
 ) -> Singularity | None:
     """Search near joints (dof,) for a singular posture of a point.
 
-    Newton's steps reduce the smallest singular value to zero inside the limits, from the posture
-    and from some around it. The result is certainly singular, but another singular posture may be
-    nearer. The result is None if no singular posture is found.
+    Newton's steps reduce the smallest singular value to zero inside the limits, from the given
+    posture and from some postures around it. The posture found is certainly singular, but another
+    singular posture may be nearer. The result is None if no singular posture is found.
 
     Args:
         chain: The arm.
@@ -152,7 +153,7 @@ def nearest_singularity(
         UnknownNameError: There is no link named ``frame``.
     """
     start = chain.clip(finite_vector(q, chain.dof, "q"))
-    # The posture, and with each joint moved either way (2 dof + 1, dof).
+    # The given posture, and the same with each joint moved to either side (2 dof + 1, dof).
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = chain.clip(np.vstack([start[None], start + aside, start - aside]))
     measures = _singularity_measures(chain, frame, offset_m, rotation)
@@ -222,10 +223,10 @@ def _linear_singular_values(J: Matrix) -> Vector:
 
 
 def _angular_singular_values(J: Matrix, moves: int) -> Vector:
-    """Return the angular rows' singular values for joint motions that keep the point at rest."""
+    """Return singular values of the angular rows for joint motions that leave the point at rest."""
     _, _, Vt = np.linalg.svd(J[..., :3, :], full_matrices=True)
     null_space = np.swapaxes(Vt[..., moves:, :], -1, -2)
-    return _singular_values(J @ null_space)  # the linear rows become zero
+    return _singular_values(J @ null_space)  # along these motions the linear rows are zero
 
 
 def _singular_values(matrices: Matrix) -> Matrix:

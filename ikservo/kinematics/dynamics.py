@@ -58,7 +58,7 @@ class Dynamics:
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.
-        parameters: Ten parameters of each body (10 bodies,), in its frame: ``inertia.PARAMETERS``.
+        parameters: Ten parameters of each body (10 bodies,), in its frame; see ``PARAMETERS``.
         gravity_m_s2: The acceleration of a falling body (3,), in the base frame.
     """
 
@@ -83,7 +83,7 @@ class Dynamics:
 
         Args:
             chain: The joints.
-            masses: The masses of its links, in any order; those of one link add up.
+            masses: The masses of the chain's links, in any order; those of one link add up.
             gravity_m_s2: Gravity (3,) in the base frame, downwards. It differs from (0, 0, -9.81)
                 for an arm that is mounted on a wall or under a ceiling.
 
@@ -113,7 +113,7 @@ class Dynamics:
     def with_parameters(self, parameters: ArrayLike) -> Dynamics:
         """Return the same arm with other parameters (10 bodies,), for example identified ones.
 
-        The parameters need not be those of real bodies: base parameters alone give the right
+        The parameters need not be possible for real bodies: base parameters alone give the right
         torques.
 
         Raises:
@@ -265,7 +265,7 @@ class Dynamics:
         for each, what in zip(checked, _MOTION, strict=True):
             if each.shape != checked[0].shape:
                 raise BadValueError(
-                    what, f"of shape {each.shape}", f"shape {checked[0].shape}, as q"
+                    what, f"of shape {each.shape}", f"shape {checked[0].shape}, like q"
                 )
         return checked[0], [np.atleast_2d(each) for each in checked]
 

@@ -2,7 +2,7 @@
 
 No two arms agree to a millimetre, because links are printed, screws have backlash and bases are
 slightly tilted. ``GeometricErrors`` contains these errors; ``apply_geometric_errors`` builds the
-chain of such an arm.
+chain of an arm with such errors.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ class GeometricErrors:
     Attributes:
         base_m: Position of the described base (3,), metres, world coordinates.
         base_rad: Rotation vector (3,) of the described base.
-        origins_m: Translation of a joint's origin relative to its description (3,), metres, in its
-            parent's coordinates; that of the fixed joint before the tip corrects the tool.
+        origins_m: Translation (3,) of a joint's origin from the described one, by joint, metres, in
+            the coordinates of its parent link; the entry of the fixed joint before the tip corrects
+            the tool.
     """
 
     base_m: Vector = field(default_factory=_no_correction)
@@ -42,7 +43,7 @@ class GeometricErrors:
         freeze_arrays(self)
 
     @property
-    def T_world_base(self) -> Matrix:  # noqa: N802  # the name is the mathematics
+    def T_world_base(self) -> Matrix:  # noqa: N802  # the name follows the mathematics
         """The pose (4, 4) of the described base."""
         return make_pose(self.base_m, exp_so3(self.base_rad))
 

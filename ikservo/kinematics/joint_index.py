@@ -27,7 +27,7 @@ class JointIndex:
     names: tuple[str, ...]
     chain: tuple[int, ...]
     body: tuple[int, ...]
-    # The same as arrays, because NumPy selects columns ten times as fast with them.
+    # The same columns as arrays, because NumPy selects columns ten times as fast with arrays.
     _chain_columns: _Columns = field(init=False, repr=False, compare=False)
     _body_columns: _Columns = field(init=False, repr=False, compare=False)
 
@@ -39,12 +39,7 @@ class JointIndex:
     def from_names(
         cls, names: Sequence[str], chain: Sequence[str], gripper: str | None = None
     ) -> JointIndex:
-        """Return the index of a chain's joints among all joints.
-
-        Args:
-            names: All joints.
-            chain: The joints of the chain, base to tip.
-            gripper: The gripper's joint if the collision body includes it.
+        """Return the index of a chain's joints, and of a gripper in the body, among all joints.
 
         Raises:
             ValueError: A joint of the chain is not among all joints.
@@ -72,13 +67,13 @@ class JointIndex:
         return joints.take(self._body_columns, axis=-1)
 
     def with_chain(self, joints: Vector, q: Vector) -> Vector:
-        """Return all joints (n,) with the chain's replaced by ``q`` (dof,)."""
+        """Return all joints (n,) with the chain's joints replaced by ``q`` (dof,)."""
         replaced = joints.copy()
         replaced[self._chain_columns] = q
         return replaced
 
     def with_position(self, joints: Vector, joint: str, position: float) -> Vector:
-        """Return all joints (n,) with one of them at another position.
+        """Return all joints (n,) with one joint at another position.
 
         Raises:
             UnknownNameError: There is no such joint.

@@ -24,7 +24,7 @@ class JointType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: ``q = multiplier * q[joint] + offset``."""
+    """A joint that follows another joint: ``q = multiplier * q[joint] + offset``."""
 
     joint: str
     multiplier: float = 1.0
@@ -40,7 +40,7 @@ class Joint:
         axis: Unit axis (3,) in the joint's frame; unused by fixed joints.
         lower: Lower limit, rad or m; ``-inf`` for a continuous joint.
         upper: Upper limit, rad or m.
-        mimic: The joint that it follows, if it does not move by itself.
+        mimic: The relation to the joint that it follows; None if it moves by itself.
     """
 
     name: str
@@ -136,7 +136,7 @@ def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[J
 def make_chain_joint(
     joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
 ) -> ChainJoint:
-    """Make a joint with its index in q. A mimic has its leader's index, a held joint none."""
+    """Make a joint with its index in q; a mimic has its leader's, a held joint has no index."""
     leader, scale, shift = _resolve_mimic(joint, by_name)
     if leader.name in columns:
         return ChainJoint(joint, columns[leader.name], scale, shift)

@@ -21,13 +21,13 @@ from ikservo.kinematics.se3 import make_pose, skew
 
 WIDTH = 17
 # fmt: off
-STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 if q of
+STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: number of joint rows and limit rows; 1 if q of
           # the first joint rotates it, and nothing else
 ROTATION, POSITION       = 0, 9          # joint and tool: R row by row (9), then p (3)
 IS_REVOLUTE, COLUMN = 12, 13  # joint: 1 revolute, 0 prismatic; the entry of q that moves it
 SCALE, SHIFT             = 14, 15        # joint: value = SCALE * q[COLUMN] + SHIFT
 IS_ALIGNED               = 16            # joint and tool: 1 if R is exactly the identity
-LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 if every direction is inside it
+LOWER, UPPER, FULL_TURN  = 0, 1, 2       # limit: the range; 1 if every angle is inside the range
 # fmt: on
 
 # A range from -3.14 to 3.14 in a file means a full revolution.
@@ -77,7 +77,7 @@ def rotation_z_to(axis: Vector) -> Matrix:
 
 
 def _joint_rows(path: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
-    """Compute a row for each joint that q moves, and the fixed pose (4, 4) behind the last one."""
+    """Compute a row for each joint that q moves, and the fixed pose (4, 4) after the last joint."""
     rows: list[Vector] = []
     rest = make_pose(np.zeros(3))
     for step in path:
@@ -131,7 +131,7 @@ PARENT, IS_PRISMATIC, MIMIC_COLUMN, MIMIC_SCALE, MIMIC_OFFSET = 15, 16, 17, 18, 
 START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
 LINK_WIDTH, CAPSULE_WIDTH            = 20, 8
 # shape: R row by row (9), centre (3), half extents (3) of a box, or the radius and, third, half the
-# length of a cylinder about its z; both are grown by ROUNDING, which makes a sphere of a point
+# length of a cylinder about its z; both are enlarged by ROUNDING, which turns a point into a sphere
 CENTRE, HALF, ROUNDING, IS_CYLINDER, SHAPE_WIDTH = 9, 12, 15, 16, 17
 # fmt: on
 
@@ -151,7 +151,7 @@ class PackedBody:
         overlap_m: The allowed overlap of each pair (pairs,).
         reach_m: Maximum motion of a point of each link's capsules (links, dof) per unit of a joint,
             m/rad or m/m.
-        pair_reach_m: Maximum approach of each pair (pairs, dof), in the same way.
+        pair_reach_m: Maximum approach of each pair (pairs, dof) per unit of a joint, m/rad or m/m.
     """
 
     base: str

@@ -1,4 +1,4 @@
-"""Rays, such as the line of sight of a pixel, and their intersections with planes and things."""
+"""Rays, such as the line of sight of a pixel, and their intersections with planes and obstacles."""
 
 from __future__ import annotations
 
@@ -19,12 +19,7 @@ _MOST_STEPS = 500  # maximum number of steps along a ray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ray:
-    """A half line, such as the line of sight of a pixel.
-
-    Attributes:
-        origin_m: The start (3,), metres.
-        direction: A unit vector (3,).
-    """
+    """A half line, such as the line of sight of a pixel: origin (3,), unit direction (3,)."""
 
     origin_m: Vector
     direction: Vector
@@ -45,7 +40,7 @@ class Ray:
         return None if distance_m < 0.0 else self.at(distance_m)
 
     def distance_to_level_m(self, z_m: float) -> float:
-        """Return the distance to the horizontal plane at z, metres; infinite if there is none."""
+        """Return the distance to the horizontal plane at z, metres; infinite if the ray misses."""
         if abs(float(self.direction[2])) < _LEVEL:
             return math.inf
         distance_m = float((z_m - self.origin_m[2]) / self.direction[2])
@@ -54,10 +49,7 @@ class Ray:
     def distance_to_box_m(self, R: Matrix, centre_m: Vector, half_m: Vector) -> float:
         """Return the distance to a box, metres; infinite if the ray misses it or starts inside.
 
-        Args:
-            R: The axes as columns (3, 3).
-            centre_m: The centre (3,).
-            half_m: Half of its sides (3,).
+        ``R`` has the box's axes as columns, ``half_m`` (3,) is half of the lengths of its sides.
         """
         origin, along = (self.origin_m - centre_m) @ R, self.direction @ R
         along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
@@ -70,10 +62,10 @@ class Ray:
         """Return the distance to a box, cylinder or sphere, metres; infinite if the ray misses it.
 
         From the point where the ray enters the bounding box, each step is as long as the distance
-        to the thing, which no step can pass (sphere tracing). A ray from inside misses it.
+        to the surface, so that no step can pass it (sphere tracing). A ray from inside misses.
 
         Args:
-            row: The thing (17,); see ``kinematics.packed``.
+            row: The box, cylinder or sphere (17,); see ``kinematics.packed``.
         """
         R, centre_m, half_m = row[:9].reshape(3, 3), row[9:12], row[12:15]
         around_m, origin_m = half_m + row[ROUNDING], (self.origin_m - centre_m) @ R
@@ -89,11 +81,11 @@ class Ray:
             if away_m < _TOUCHES_M:
                 return walked_m
             walked_m += away_m
-        return math.inf  # the ray grazes the thing
+        return math.inf  # the ray grazes the shape
 
 
 def _away_m(point_m: Vector, half_m: Vector, row: Vector) -> float:
-    """Compute the distance [m] from a thing's surface to a point (3,) in the thing's axes."""
+    """Compute the distance [m] from a shape's surface to a point (3,) in the shape's axes."""
     x, y, z = np.abs(point_m)
     beyond = np.array([x, y, z]) - half_m
     if row[IS_CYLINDER]:

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from ikservo.kinematics.arrays import Matrix, Vector
 
-# Below this angle the closed forms divide two vanishing numbers; the Taylor series below are exact
-# to 1e-16 there.
+# Below this angle the closed forms divide two vanishing numbers; the Taylor series are exact to
+# 1e-16.
 _SMALL_RAD = 1e-4
-# Within this distance of pi the antisymmetric part of R vanishes and the axis must come from
-# the symmetric part.
+# For angles within this distance of pi the antisymmetric part of R vanishes, and the axis must come
+# from the symmetric part.
 _NEAR_PI_RAD = 1e-3
 
 
@@ -31,7 +31,7 @@ def exp_so3(w_rad: ArrayLike) -> Matrix:
     w = np.asarray(w_rad, dtype=np.float64)
     theta = math.sqrt(float(w @ w))
     # a = sin(θ)/θ and b = (1 - cos θ)/θ²
-    a, b = 1.0 - theta * theta / 6.0, 0.5  # times θ² the next term is below rounding
+    a, b = 1.0 - theta * theta / 6.0, 0.5  # multiplied by θ², the next term is below rounding
     if theta >= _SMALL_RAD:
         half = math.sin(0.5 * theta) / (0.5 * theta)
         a, b = math.sin(theta) / theta, 0.5 * half * half

@@ -19,10 +19,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model.urdf_types import Urdf
 from ikservo.registers import MODELS, Family
 
-_NEAR = {"rad": math.radians(5.0), "m": 0.005}
-_AT = {"rad": math.radians(0.3), "m": 0.0003}
-_NEAR_FRACTION = 1 / 20  # for short ranges, because jaws would otherwise always be near a limit
-
 
 @dataclass(frozen=True, slots=True)
 class Gripper:
@@ -31,7 +27,7 @@ class Gripper:
     Attributes:
         joint: The name of this joint.
         closed: The position at which the jaws meet, rad or m; the end of its range on that side.
-        open: The position at which they are furthest apart.
+        open: The position at which the jaws are furthest apart.
         widths: Pairs of a position [rad or m] and the distance between the jaws there [m], sorted
             by position and interpolated linearly; empty if not measured.
     """
@@ -42,7 +38,7 @@ class Gripper:
     widths: tuple[tuple[float, float], ...] = ()
 
     def width_m(self, position: float) -> float | None:
-        """Compute the distance between the jaws at a position, metres; None if unknown."""
+        """Compute the distance between the jaws at a position, metres; None if it is unknown."""
         if not self.widths:
             return None
         positions, widths_m = zip(*self.widths, strict=True)
@@ -119,7 +115,7 @@ class ModelJoint:
         joint_map: The conversion of ticks and positions, as in the arm file.
         travel_per_turn: Largest joint motion per revolution of the horn, rad or m.
         backlash: Free motion felt by hand while the servo holds, rad or m; 0 if not measured.
-        shadows: Further servos that drive the joint together with the first.
+        shadows: Further servos that drive the joint together with the first servo.
         zero_from: ``vendor`` if the maker fixes the zero, ``nominal`` if each arm differs.
     """
 
@@ -257,7 +253,7 @@ class Model:
         return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"
 
     def joint(self, name: str) -> ModelJoint:
-        """Return the joint of that name.
+        """Return the joint that has this name.
 
         Raises:
             UnknownNameError: The arm has no servo for such a joint.
@@ -298,29 +294,3 @@ def _find_named(kind: str, name: object, known: Mapping[str, _T]) -> _T:
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(kind, name, known)
     return known[name]
-
-
-def limit_distance(position: float, lower: float, upper: float) -> float:
-    """Compute the distance to the nearer limit; negative outside, infinite if there is none."""
-    return min(position - lower, upper - position)
-
-
-def near_distance(lower: float, upper: float, unit: str) -> float:
-    """Compute the distance from a limit within which a joint counts as near the limit.
-
-    Args:
-        lower: The lower limit, rad or m.
-        upper: The upper limit.
-        unit: ``rad`` or ``m``.
-    """
-    return min(_NEAR[unit], _NEAR_FRACTION * (upper - lower))
-
-
-def at_distance(lower: float, upper: float, unit: str) -> float:
-    """Compute the distance within which a joint counts as at a limit; see ``near_distance``."""
-    return min(_AT[unit], near_distance(lower, upper, unit))
-
-
-def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
-    """Check whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
-    return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)

@@ -26,7 +26,7 @@ def parse_frame(text: str) -> Matrix:
     """Parse the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
 
     ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and ``upside
-    down`` turns over. The steps are applied in order, along the axes of the table.
+    down`` turns the arm over. The steps are applied in order, along the axes of the table.
 
     Raises:
         BadValueError: The text does not have this form.
@@ -95,6 +95,6 @@ def pose_rpy(T: Matrix) -> tuple[float, float, float]:
     """Return roll, pitch, yaw of a pose (4, 4): R = Rz(yaw) @ Ry(pitch) @ Rx(roll)."""
     level = math.hypot(T[0, 0], T[1, 0])
     pitch = math.atan2(-T[2, 0], level)
-    if level < 1e-9:  # roll and yaw rotate about one axis
+    if level < 1e-9:  # roll and yaw rotate about the same axis
         return math.atan2(-T[1, 2], T[1, 1]), pitch, 0.0
     return math.atan2(T[2, 1], T[2, 2]), pitch, math.atan2(T[1, 0], T[0, 0])

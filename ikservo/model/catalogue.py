@@ -74,7 +74,7 @@ def _folders_of_others() -> tuple[Path, ...]:
     """Return the folders with arms that other distributions name in their entry points."""
     if not other_packages_have(ARMS_GROUP):
         return ()
-    from importlib.metadata import entry_points  # noqa: PLC0415  # slow, seldom needed
+    from importlib.metadata import entry_points  # noqa: PLC0415  # slow and rarely needed
 
     found: list[str] = []
     for point in entry_points(group=ARMS_GROUP):

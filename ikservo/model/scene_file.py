@@ -1,4 +1,4 @@
-"""Read and write scene files: things around an arm, including other arms, in its base frame."""
+"""Read and write scene files: things around an arm, and other arms, in the arm's base frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.arm_model import Model, Obstacle
 from ikservo.model.arm_schema import Text
-from ikservo.model.collision_model import bounding_capsules
+from ikservo.model.collision_capsules import bounding_capsules
 from ikservo.model.urdf_types import Box
 
 _Z = np.array([0.0, 0.0, 1.0])
@@ -106,7 +106,7 @@ class PlacedArm:
     Attributes:
         name: Name for messages; on the page, the name of the open arm.
         at_m: Origin (3,) of its base frame in the base frame of the scene's arm, metres.
-        rpy_deg: Roll, pitch and yaw (3,) of its base frame in that frame, degrees.
+        rpy_deg: Roll, pitch and yaw (3,) of its base frame, relative to the scene's arm, degrees.
         arm: The arm's name in the catalogue, or its file; empty: ``name``.
         port: The port of the arm; empty if it is not given.
     """
@@ -164,7 +164,7 @@ class _SceneSphere(_CenteredThing):
 
 class _SceneHalfSpace(_Thing):
     point_m: Triple = Field(
-        description="a point [x, y, z] of its surface, in metres, at most ±1000"
+        description="a point [x, y, z] on its surface, in metres, at most ±1000"
     )
     normal: Triple = Field(description="the direction [x, y, z] of its free side, at most ±1000")
 
@@ -236,19 +236,14 @@ def read_scene_with_arms(
 def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
     if arms:
         raise RefusedError(
-            f"{path} has another arm, {arms[0].name}, which is not open here.",
+            f"{path} has another arm, {arms[0].name}, which is not open in this program.",
             "Open both arms: on one page with ikservo view, or in a program with "
             "arm.scene.add_arm.",
         )
 
 
 def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
-    """Make a thing from the values that it has in a scene file.
-
-    Args:
-        kind: box, cylinder, sphere or half_space.
-        name: Name for messages.
-        sizes: The other keys of the table, such as ``center_m``.
+    """Make a box, cylinder, sphere or half_space from the values that it has in a scene file.
 
     Raises:
         UnknownNameError: There is no such kind.
@@ -346,7 +341,7 @@ def _check_names(
     """Check that no two things or arms have the same name.
 
     Raises:
-        FileFormatError: Two of them share a name, or one has the name of a part of the arm.
+        FileFormatError: Two things or arms share a name, or one has the name of a part of the arm.
     """
     known = set(taken)
     for each in things:
@@ -379,7 +374,7 @@ def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
     for each in scene.half_space:
         R = _turned_to(each.name, each.normal)
         normal = R[:, 2]
-        # The box surrounds the arm, wherever the given point is on the surface.
+        # The box covers the whole surface around the arm, wherever the given point is on it.
         centre = (np.array(each.point_m) @ normal - _FAR_M) * normal
         yield shape(each.name, R, centre, np.full(3, _FAR_M))
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ikservo.errors import UnknownNameError
 
-if TYPE_CHECKING:  # reading a URDF needs no numpy
+if TYPE_CHECKING:  # for type checkers only, because reading a URDF needs no numpy
     import numpy as np
     from numpy.typing import NDArray
 
@@ -32,7 +32,7 @@ class UrdfJointType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class UrdfMimic:
-    """A joint that follows another one: ``q = multiplier * q_joint + offset``."""
+    """A joint that follows another joint: ``q = multiplier * q_joint + offset``."""
 
     joint: str
     multiplier: float

@@ -20,7 +20,7 @@ from ikservo.model.urdf_types import Triple
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MAX_NAME_CHARS = 128
 LARGEST_NUMBER = 1e6
-"""Largest number [m, rad, kg], because products of larger ones overflow."""
+"""Largest number [m, rad, kg], because products of larger numbers overflow."""
 
 
 @dataclass(slots=True)
@@ -104,13 +104,13 @@ class XmlElement:
             raise self.error(f"<{self.tag}> has {attribute}={quote(text)}", expected)
         if max(map(abs, numbers)) > most:
             raise self.error(
-                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers between ±{most:g}"
+                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers within ±{most:g}"
             )
         return numbers
 
 
 MAX_DEPTH = 64
-MAX_ELEMENTS = 50_000  # a large humanoid has a few thousand; 4 MB must not take over a second
+MAX_ELEMENTS = 50_000  # a large humanoid has a few thousand; 4 MB must be read within a second
 
 _PLAIN = "plain XML without <!DOCTYPE> and <!ENTITY>"
 
@@ -118,9 +118,7 @@ _PLAIN = "plain XML without <!DOCTYPE> and <!ENTITY>"
 def parse_xml(path: Path, text: str) -> XmlElement:
     """Parse the outermost element of an XML text.
 
-    Args:
-        path: The origin of the text, for messages; it is not read here.
-        text: The whole document. The encoding that it declares is ignored.
+    The path is only for messages; the encoding that the text declares is ignored.
 
     Raises:
         FileFormatError: The text is not plain, well-formed XML; the line is named.

@@ -11,8 +11,8 @@ from ikservo.errors import BadValueError, format_point
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 
-_MIN_RADIUS_M = 1e-4  # on a smaller circle the tip is on the axis
-_SAME_POINT_M = 1e-4  # nearer points are the same
+_MIN_RADIUS_M = 1e-4  # with a smaller radius, the tip counts as on the axis
+_SAME_POINT_M = 1e-4  # nearer points count as the same
 # Three points count as lying on one line if none is further from the line through the others than
 # this: half of a servo's tick at 0.3 m, the uncertainty of the start.
 _MIN_HEIGHT_M = 2e-4
@@ -64,11 +64,7 @@ def arc_through_points(
 ) -> ArcPath:
     """Compute the arc from a start (3,) through a point to an end, metres.
 
-    Args:
-        start_m: The start (3,).
-        via_m: The via point (3,).
-        end_m: The end (3,); with ``full_circle``, another point to pass.
-        full_circle: Whether the arc continues to its start.
+    A ``full_circle`` passes ``end_m`` (3,) and continues to its start.
 
     Raises:
         BadValueError: Two points are the same, all points are collinear, or a number is not finite.
@@ -92,8 +88,8 @@ def arc_through_points(
     if math.sqrt(area2) < _MIN_HEIGHT_M * longest:
         raise BadValueError(
             "The via point of the arc",
-            f"{format_point(via)}, on one line with start {format_point(start_m)} "
-            f"and end {format_point(end)}",
+            f"{format_point(via)}, on one line with the start {format_point(start_m)} "
+            f"and the end {format_point(end)}",
             "a point off that line, or a straight line to the end",
         )
     out = (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * area2)
@@ -111,8 +107,8 @@ def arc_about_axis(
     """Compute the arc from a start (3,) [m] about an axis.
 
     The axis passes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length. The circle
-    starts at the start point and runs counter-clockwise about the normal; the centre need not be in
-    its plane.
+    starts at the start point and runs counter-clockwise about the normal; the given centre need not
+    be in its plane.
 
     Raises:
         BadValueError: The start is on the axis, the normal is zero, the angle is zero or more than
@@ -135,7 +131,7 @@ def arc_about_axis(
     if radius_m < _MIN_RADIUS_M:
         raise BadValueError(
             "The radius of the circle",
-            f"{1000.0 * radius_m:.2f} mm: the tip is on its axis",
+            f"{1000.0 * radius_m:.2f} mm, because the tip is on its axis",
             "a centre away from the tip",
         )
     return ArcPath(center, start_m, axis, angle_rad)

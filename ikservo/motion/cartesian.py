@@ -27,10 +27,10 @@ from ikservo.motion.trajectory import KinematicLimits
 ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
 """Largest angle between the tool's orientation and the desired one that counts as reached [rad]."""
 
-_STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; the next if the tip leaves the path
-_STEP_RAD = 0.02  # largest rotation of the tool between two of them
+_STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; finer if the tip leaves the path
+_STEP_RAD = 0.02  # largest rotation of the tool between two solved points
 _MIN_POINTS = 5  # fewest points of a path
-# A rotation in place has no length of its own; this is its length per radian, metres.
+# A rotation in place has no path length; this length is used per radian, metres.
 _LEVER_M = 0.1
 # Half of the allowed deviation from a line; the other half is for the servos' ticks.
 _MAX_DEVIATION_M = 0.25e-3
@@ -60,19 +60,13 @@ def solve_cartesian_path(
     *,
     strict: bool = False,
 ) -> CartesianJointPath:
-    """Find the joints along a path of the tool.
+    """Find the joints along a path of the tool from joints (dof,).
 
-    The tool keeps its orientation, relative to the arm plane of arms that have one, or rotates
-    uniformly to the orientation at ``end``. If the arm cannot keep it everywhere, the tool rotates
-    uniformly to the nearest possible orientation at the end of the path; if that fails, the
-    orientation is free.
-
-    Args:
-        chain: The arm.
-        start: The joints at the start (dof,).
-        path: The path of the tip, metres, base frame.
-        end: Joints (dof,) with the final orientation; None to keep the orientation at the start.
-        strict: Whether the orientation must be kept exactly in the world frame.
+    The tool keeps its orientation, relative to the arm plane if the arm has one, or rotates
+    uniformly to the orientation at ``end``, joints (dof,). If the arm cannot have this orientation
+    everywhere, the tool rotates uniformly to the nearest possible orientation at the end of the
+    path; if that fails, the orientation is free. With ``strict``, it must be kept exactly in the
+    world frame.
 
     Raises:
         CartesianPathError: The path cannot be followed; the error names the furthest point reached.
@@ -95,7 +89,7 @@ def solve_cartesian_path(
             failed.append(error)
             continue
         found.append(_measure_curve(chain, desired, spline))
-        # A path near the desired orientation may have corners; a uniform rotation has none.
+        # A path near the desired orientation may have corners; a uniform rotation does not.
         if (
             orientation_of is not _follow_orientation
             or found[0].orientation_error_rad.max() <= ORIENTATION_TOLERANCE_RAD
@@ -209,10 +203,10 @@ def _check_orientation_kept(
 def straight_lines(
     start_m: Vector, points_m: Sequence[ArrayLike], blend_m: float = _BLEND_M
 ) -> BlendedPath:
-    """Return straight lines from a start (3,) through points (k, 3) [m], their corners rounded.
+    """Return straight lines from a start (3,) through points (k, 3) [m], with rounded corners.
 
-    The curve leaves the lines at the blend's distance from each point except the last, at most at
-    half of a line, and passes the point within 3/8 of that distance.
+    The curve leaves the lines at the blend's distance from each point except the last, but at most
+    at half of a line, and passes the point within 3/8 of that distance.
 
     Raises:
         BadValueError: A number is not finite, or a blend is not positive.

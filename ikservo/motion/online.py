@@ -14,7 +14,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-# Largest excess over a limit by rounding, rad or m; a tick is 10⁻³.
+# Largest excess over a limit by rounding, rad or m; a tick is about 10⁻³ rad.
 _ROUNDING = 1e-7
 
 _Pieces = tuple[tuple[float, RuckigMotion], ...]
@@ -34,9 +34,9 @@ class OnlineTrajectory:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
             then comes to rest.
         limits: The kinematic limits of each joint.
-        lower: The lowest positions (n,); None for no bound. A start outside extends the bounds to
-            it, so that a joint slightly outside can move back.
-        upper: The highest positions (n,); None for no bound.
+        lower: The lowest positions (n,); None: no bound. A start outside extends the bounds to the
+            start, so that a joint slightly outside can move back.
+        upper: The highest positions (n,); None: no bound.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or lower is above upper.
@@ -66,7 +66,7 @@ class OnlineTrajectory:
         self._upper = np.maximum(self._bounds[1], rest.start.position) + _ROUNDING
         if not self._ends_inside_limits(rest):
             raise RefusedError(
-                "The joints are too fast to stop inside their limits.",
+                "The joints move too fast to stop inside their limits.",
                 "Nothing was sent. Wait until the arm is at rest.",
             )
         self._pieces: _Pieces = ((0.0, rest),)
@@ -177,7 +177,7 @@ class OnlineTrajectory:
     def _check_time(self, time_s: float) -> None:
         if not self._aimed_s <= time_s < math.inf:
             raise BadValueError(
-                "The time of the goal", f"{time_s} s", f"a time from {self._aimed_s} s on"
+                "The time of the goal", f"{time_s} s", f"a time of at least {self._aimed_s} s"
             )
 
 

@@ -149,7 +149,7 @@ class _BlendSegment:
 def _drop_repeated_points(
     points: Matrix, blends: Sequence[float], order: float
 ) -> tuple[Matrix, list[float]]:
-    """Remove points that equal the previous one, and their blends."""
+    """Remove points that equal the previous point, and the blends at these points."""
     kept, kept_blends = [points[0]], list[float]()
     radii = [0.0, *blends, 0.0]
     for point, blend in zip(points[1:], radii[1:], strict=True):
@@ -196,7 +196,6 @@ class SplinePath:
         points: The points (k, n).
 
     Attributes:
-        distances: The distances of the points.
         length: The distance of the last point.
     """
 

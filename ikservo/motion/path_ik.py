@@ -12,15 +12,15 @@ from ikservo.motion.path import OrientationInterpolation, ToolPath
 
 # With this tolerance, noise does not dominate third differences of points half a millimetre apart.
 _TIGHT = Tolerance(1e-7, 1e-6)
-_REACHED_M = 1e-6  # largest error of a point on the line
+_REACHED_M = 1e-6  # largest error of a solved point
 # A joint that moves further passes a singularity or changes its branch.
-_MAX_RAD_PER_M = 60.0  # 0.06 rad per millimetre of the line
+_MAX_RAD_PER_M = 60.0  # 0.06 rad per millimetre of the path
 _MAX_STEP_RAD = 6.0  # rad per radian of the tool
 # Margin to the limits on a line, as a fraction of the joint's range, because the spline between the
 # solved points may overshoot slightly.
 _INSIDE = 5e-4
-_MAX_ITERATIONS = 8  # to find a heading of the tool that agrees with the arm's plane
-_SAME_PLANE_RAD = 1e-10  # a smaller change of this plane ends the iterations
+_MAX_ITERATIONS = 8  # to find a heading of the tool that fits the arm's plane
+_SAME_PLANE_RAD = 1e-10  # a smaller rotation of this plane ends the iterations
 
 
 def track_path(
@@ -30,14 +30,7 @@ def track_path(
     orientation: OrientationInterpolation | None,
     count: int,
 ) -> Matrix:
-    """Follow a path with the tip: position exactly, orientation as well as possible.
-
-    Args:
-        chain: The arm.
-        start: The joints at the start (dof,).
-        path: The path of the tip, metres, base frame.
-        orientation: The desired orientation; None if it is free.
-        count: Number of points, both ends included.
+    """Follow a path with the tip: its position exactly, its orientation as well as possible.
 
     Returns:
         The joints at equal distances (count, dof).
@@ -78,7 +71,7 @@ def track_path(
 def _find_obstruction(
     chain: Chain, result: Result, steps: Vector, max_step_rad: float
 ) -> list[str]:
-    """Return the limits that block a step, or the joint that moves too far; empty if none.
+    """Name the limits that block a step, or the joint that moves too far; empty if none does.
 
     The comparisons are written so that NaN is also refused.
     """

@@ -27,7 +27,7 @@ def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
     """Compute the lowest and highest positions (n,) of a trajectory.
 
     ruckig's own ``position_extrema`` covers only the instants at which the jerk changes, but a
-    joint reverses between two of them.
+    joint may reverse between two such instants.
     """
     (profiles,) = trajectory.profiles
     lowest: list[float] = []
@@ -63,7 +63,7 @@ def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[fl
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
-    # The larger root, then the other one from their product, which is also exact for small j.
+    # The larger root, then the other from the product of both, which is also exact for small j.
     sum_ = -(a + math.copysign(math.sqrt(root), a))
     found = [sum_ / j if j else math.inf, 2.0 * v / sum_ if sum_ else math.inf]
     return [at_s for at_s in found if 0.0 < at_s < time_s]
@@ -82,7 +82,6 @@ class RuckigMotion:
         top_speeds: The maximum speed of each joint, rad/s or m/s.
 
     Attributes:
-        start: The start state.
         goal: The end position (n,), rad or m.
     """
 
@@ -134,8 +133,7 @@ class JointMove(RuckigMotion):
         start: The start: joints at rest (n,), rad or m, or the state of a running motion.
         goal: The end: joints at rest (n,), or a state in motion.
         limits: The kinematic limits of each joint.
-        together: Whether all joints arrive at the same time; otherwise, each arrives as soon as it
-            can.
+        together: Whether all joints arrive at the same time; otherwise, each as soon as it can.
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.
@@ -218,7 +216,7 @@ def _calculate_trajectory(parameters: InputParameter, n: int) -> Trajectory:
     if result not in (Result.Working, Result.Finished):
         raise _ruckig_error(result.name)
     if not math.isfinite(trajectory.duration):
-        raise _ruckig_error("a duration without end")
+        raise _ruckig_error("an infinite duration")
     return trajectory
 
 

@@ -19,13 +19,13 @@ from ikservo.motion.path import BlendedPath, Path
 from ikservo.motion.point_to_point import JointMove
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-# Fractions to try of the speed that the second and third derivatives allow; the rest is left for
-# acceleration along the curve.
+# Fractions to try of the speed that the second and third derivatives allow; the rest of the limits
+# is left for acceleration along the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)
-_ZONES = (1, 2, 5, 13, 34)  # numbers of equal zones to try, each with its own speed limit
+_ZONES = (1, 2, 5, 13, 34)  # numbers of equal zones to try; each zone has its own speed limit
 _MIN_LENGTH = 1e-6  # a shorter curve counts as a point
 _ROUNDING = 1e-6  # margin to the limits for rounding, as a fraction
-_UNBOUNDED = 1e6  # limit along a curve that hardly moves any joint
+_UNBOUNDED = 1e6  # limit of speed along a curve that hardly moves any joint
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +47,10 @@ class TimeScaling:
     """Fast time scaling of a curve, from rest to rest.
 
     With the distance s, the joints have ``q̇ = q' ṡ``, ``q̈ = q'' ṡ² + q' s̈`` and ``q⃛ = q''' ṡ³ +
-    3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each, bounds on its derivatives give the
-    speed, acceleration and jerk along it that keep all three inside the limits, at every instant
-    and not only at samples. The acceleration along the curve is zero at the ends of every zone.
-    Several sets of zones are tried, and the fastest is used.
+    3 q'' ṡ s̈ + q' s⃛``. The curve is cut into zones; in each zone, bounds on the curve's
+    derivatives give the speed, acceleration and jerk along the curve that keep those of the joints
+    inside the limits, at every instant and not only at samples. The acceleration along the curve is
+    zero at the ends of every zone. Several divisions into zones are tried, and the fastest is used.
 
     Args:
         curve: The curve.
@@ -142,7 +142,7 @@ class _PathAccelerationBounds:
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
     """Compute the minimum of ``limit / by``, ignoring values of ``by`` that are zero."""
-    pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few: NumPy would take longer
+    pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few values: NumPy takes longer
     return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 
 

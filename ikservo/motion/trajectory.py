@@ -49,7 +49,7 @@ class KinematicLimits:
     """The limits of a joint's motion; metres instead of radians for a prismatic joint.
 
     Raises:
-        BadValueError: One of the three is not a positive number.
+        BadValueError: One of the three limits is not a positive number.
     """
 
     speed_rad_s: float
@@ -80,7 +80,7 @@ class KinematicLimits:
 
 
 class SubsetTrajectory:
-    """A trajectory of n joints: some follow another trajectory and the rest hold.
+    """A trajectory of n joints: some follow a trajectory of fewer joints, and the others hold.
 
     Args:
         trajectory: The trajectory of the moving joints.
@@ -113,12 +113,7 @@ class SubsetTrajectory:
 
 
 class ConcatenatedTrajectory:
-    """A trajectory that continues with a second one after it has come to rest.
-
-    Args:
-        first: The first trajectory; ends at rest.
-        second: The second trajectory; starts at rest where the first one ends.
-    """
+    """A trajectory that continues with a second trajectory after the first has come to rest."""
 
     def __init__(self, first: Trajectory, second: Trajectory) -> None:
         self._first, self._second = first, second

@@ -21,7 +21,7 @@ from ikservo.calibration.servo_config import (
     read_servo_config,
     register_mismatches,
 )
-from ikservo.control.feedback import read_register
+from ikservo.control.joint_reading import read_register
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import is_simulated, serial_number_of
@@ -33,7 +33,7 @@ from ikservo.model.link_masses import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
 if TYPE_CHECKING:
-    from ikservo.kinematics.bending import Bending
+    from ikservo.kinematics.bending_and_backlash import Bending
     from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
@@ -46,7 +46,7 @@ _HINT = (
 
 
 class ZeroSource(Enum):
-    """Source of the zeros of an arm's joints."""
+    """The source from which the zeros of an arm's joints are known."""
 
     CALIBRATED = "this arm's own"
     VENDOR = "the maker's"
@@ -71,13 +71,7 @@ class ZeroSource(Enum):
     def check_small_steps(
         self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse long motions of single joints if zeros are unknown.
-
-        Args:
-            arm: The name of the arm.
-            start: The joints (n,), rad or m.
-            goal: The joint goals (n,).
-            steps: The longest motion of each joint, in the order of the vectors.
+        """Refuse joint motions longer than ``steps``, by joint, rad or m, if the zeros are unknown.
 
         Raises:
             CalibrationError: A joint would move further than ``steps`` allows.
@@ -151,7 +145,7 @@ def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
 
 
 class CalibratedArm:
-    """The joints of the arm on a bus, with this arm's zeros and ranges.
+    """The joints of the arm on a bus, with the zeros and ranges of this particular arm.
 
     Attributes:
         zeros: The source of the zeros.
@@ -172,7 +166,7 @@ class CalibratedArm:
         joint_map = own.joint_map(joint.joint_map)
         if not own.extended:
             return joint_map
-        # A multi-turn servo may have started on another revolution than at calibration.
+        # A multi-turn servo may have started on another revolution than it was on at calibration.
         turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
         present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
         low, high = own.travel_ticks
@@ -226,11 +220,11 @@ def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
 
 
 def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -> Bending:
-    """Return the bending of a chain's links from a calibration; zero without a calibration."""
+    """Return the bending of a chain's links from a calibration; without one, zero bending."""
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
-    from ikservo.kinematics.bending import Bending  # noqa: PLC0415  # few arms need it
+    from ikservo.kinematics.bending_and_backlash import Bending  # noqa: PLC0415  # few arms need it
 
     dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
     return Bending(dynamics, compliance, half_play)
@@ -239,12 +233,7 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
 def load_calibration_for(
     bus: ServoBus, model: Model, *, uncalibrated: bool = False
 ) -> CalibratedArm:
-    """Load the calibration of the arm on a bus.
-
-    Args:
-        bus: The servos of the arm.
-        model: The arm file's model.
-        uncalibrated: Whether the user accepts the arm file's zeros.
+    """Load the calibration of the arm on a bus, or accept the arm file's zeros.
 
     Raises:
         CalibrationError: The calibration contradicts the servos or the arm file, or its last write
@@ -327,7 +316,7 @@ def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: Mod
 
 
 def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
-    """Limit a joint to one revolution if the arm file does not limit it."""
+    """Limit a joint to one revolution if the arm file gives it no limits."""
     if math.isfinite(limits.upper.value - limits.lower.value):
         return limits
     half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
@@ -365,7 +354,7 @@ def calibrated_model(model: Model) -> CalibratedModel:
         return CalibratedModel(model)
     newest = max(read, key=lambda path: read[path].written)
     calibration = read[newest]
-    # The chain to its own tip identifies the arm, whatever tip the given model has.
+    # The chain to the arm's own tip identifies the arm, whatever tip the given model has.
     check_calibration_matches(calibration, load_model(model.path), calibration.usb_serial_number)
     others = tuple(path for path in read if path != newest)
     chain, joints = own_chain(model, calibration), list(model.joints)

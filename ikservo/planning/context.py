@@ -24,14 +24,14 @@ from ikservo.planning.planner import Planner
 from ikservo.planning.reports import MotionProgress, OnProgress
 from ikservo.planning.surroundings import Surroundings
 
-# A part that is nearer than this counts as lying on something.
+# A part of the arm that is nearer to something than this counts as lying on it.
 _CONTACT_M = 0.005
 _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmContext:
-    """The parts of an arm, for functions that take them together with a ``MotionRunner``.
+    """The parts of an arm that functions need, together with a ``MotionRunner``.
 
     Attributes:
         model: The arm's model.
@@ -82,7 +82,7 @@ class ArmContext:
         )
 
     def at_present(self) -> ArmContext:
-        """Return the context with the present things around the arm, unaffected by later changes.
+        """Return the context with the present surroundings of the arm, unaffected by later changes.
 
         Raises:
             RefusedError: Another arm in reach is moving, or its position is unknown.
@@ -93,12 +93,12 @@ class ArmContext:
 
     @property
     def collision(self) -> CollisionChecker | None:
-        """The checker of the body's paths; None if paths are not checked."""
+        """The checker for paths of the body; None if paths are not checked."""
         return self.surroundings.checker
 
     @property
     def checked_collision(self) -> CollisionChecker | None:
-        """The collision checker; None if paths are not checked or positions are unknown."""
+        """The checker for paths of the body; None if paths are not checked or positions unknown."""
         return self.collision if self.zeros.are_known else None
 
     def now_s(self) -> float:
@@ -132,7 +132,7 @@ class ArmContext:
         )
 
     def progress_reporter(self, on_progress: OnProgress | None) -> OnCycle | None:
-        """Return a function that calls ``on_progress`` in every control cycle, or None."""
+        """Return a function that calls ``on_progress`` in every control cycle; None without it."""
         return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:
@@ -147,11 +147,7 @@ class ArmContext:
     def clearance_m(self, joints: Vector) -> float:
         """Compute the smallest distance of the body [m] to itself, the table and the boxes.
 
-        Args:
-            joints: All joints (n,).
-
-        Returns:
-            The distance; infinite if paths are not checked or positions are unknown.
+        The distance is infinite if paths are not checked or positions are unknown.
         """
         checker = self.checked_collision
         if checker is None:
@@ -163,12 +159,8 @@ class ArmContext:
     ) -> bool:
         """Check whether the body touches, or nearly touches, itself, the table or a box.
 
-        An arm that would touch if it sagged also counts.
-
-        Args:
-            joints: All joints.
-            load: Multiple of gravity under which the arm sags.
-            distance_m: Distance below which a pair nearly touches.
+        An arm that would touch if it sagged under ``load`` times gravity also counts, and so does a
+        pair within ``distance_m``.
         """
         if self.checked_collision is None:
             return False
@@ -223,11 +215,7 @@ class ArmContext:
             self.checked_collision.check_path(self.index.body_joints(path), load_factor)
 
     def check_trajectory(self, move: RuckigMotion, rest: Vector) -> None:
-        """Check the path of an online trajectory, including braking and reversing.
-
-        Args:
-            move: The motion from the present state on.
-            rest: The joints (n,) from which the trajectory began, at rest.
+        """Check an online trajectory that began at ``rest`` (n,), including braking and reversing.
 
         Raises:
             RefusedError: The arm would touch something.
@@ -255,9 +243,9 @@ class ArmContext:
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
         """Check only the straight path of the jaws between two joint vectors (n,).
 
-        Capsules are thicker than jaws, and a limp arm may lie on its table and on itself. Jaws have
-        little force and stop at obstacles, so small overlaps are allowed, and existing contacts of
-        the other links do not prevent a motion of the jaws.
+        The capsules are thicker than the jaws, and a limp arm may lie on its table and on itself.
+        Jaws have little force and stop at obstacles; therefore, small overlaps are allowed, and
+        present contacts of other links do not prevent a motion of the jaws.
 
         Raises:
             RefusedError: The arm would touch something.

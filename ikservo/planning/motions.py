@@ -126,7 +126,7 @@ Replan = Annotated[bool, _flag("replan")]
 
 @dataclass(frozen=True)
 class MotionValue(Generic[R]):
-    """Base of all kinds of motions; ``R`` is the type of the result.
+    """Base class of all kinds of motions; ``R`` is the type of the result.
 
     Attributes:
         kind: The name of the kind in JSON and TOML, such as ``move_to``.
@@ -174,7 +174,7 @@ def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object],
 
 
 def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]:  # noqa: ANN401
-    """Return the parser of a field, from ``Annotated[type, parse]`` or for its plain type.
+    """Return the parser of a field: that of ``Annotated[type, parse]``, or of the plain type.
 
     Raises:
         TypeError: The type has no parser.
@@ -396,7 +396,7 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""The motions of the tip; for those with ``path_from``, the planner uses no other field."""
+"""The motions of the tip; of a motion's path, the planner uses only ``path_from`` if it exists."""
 
 
 @dataclass(frozen=True)
@@ -486,7 +486,7 @@ class LookAt(MotionValue[JointMoveResult]):
 
 @dataclass(frozen=True)
 class Lower(MotionValue[JointMoveResult]):
-    """Slow joint motion to the rest pose, or towards it as far as the path is free."""
+    """Slow joint motion to the rest pose, or as far towards it as the path is free."""
 
 
 @dataclass(frozen=True)
@@ -500,14 +500,14 @@ class MoveGripper(MotionValue[GraspResult]):
             overcomes the friction of the gears: 0.05, or 0.1 for a 7.4 V STS3215.
     """
 
-    to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
+    to: Annotated[str | None, _choice("gripper motion", ("open", "close"))] = None
     _: KW_ONLY
     width_m: Annotated[float | None, _number("The width")] = None
     force: Annotated[float | None, _number("The force")] = None
 
     def _check(self) -> None:
         if (self.to is None) == (self.width_m is None):
-            raise InputError("Give the gripper open, close or a width, and only one of them.")
+            raise InputError("Give the gripper exactly one of open, close and a width.")
 
     def __str__(self) -> str:
         return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"
@@ -652,7 +652,7 @@ _NESTED: Mapping[str, Callable[..., object]] = {
     "posture": Posture,
     "within": PathConstraint,
 }
-"""The fields whose values are dataclasses."""
+"""The fields whose values are dataclasses, each with its class."""
 
 
 def _format_point(point_m: ArrayLike) -> str:

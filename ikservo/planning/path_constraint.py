@@ -21,12 +21,12 @@ from ikservo.kinematics.packed import pack_chain
 Point = tuple[float, float, float]
 
 _UP = read_only(np.array([0.0, 0.0, 1.0]))
-_BROKEN = 1e-4  # rad or m: larger excess violates a constraint; solved joints are exact to 1e-5
+_BROKEN = 1e-4  # rad or m: a larger excess violates a constraint; solved joints are exact to 1e-5
 _UNSEEN = 1e-3  # rad or m: this much excess may go unnoticed between two samples of a path
 # Paths are searched this far inside a constraint, so that their corners can be rounded.
 _INSIDE_M = 0.002
 _INSIDE_RAD = math.radians(1.0)
-_INSIDE_FRACTION = 0.15  # at most this fraction of the width of a narrow constraint
+_INSIDE_FRACTION = 0.15  # the margin is at most this fraction of the width of a narrow constraint
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class PathConstraint:
         upright_rad: The largest tilt of the gripper axis that points up at the start, such as the
             axis of a cup. Rotation about the vertical is free.
         axis: A direction (3,), base frame, near which the tool axis stays.
-        axis_rad: The largest angle between the two.
+        axis_rad: The largest angle between ``axis`` and the tool axis.
         low_m: The lowest corner (3,) of a box in which the tip stays.
         high_m: The highest corner (3,) of the box.
         above_m: A point (3,) of a plane above which the tip stays.
@@ -189,29 +189,24 @@ class ConstrainedTool:
             limit, beyond = self._limits[int(worst)], float(excess[at, worst])
             raise ConstraintError(limit.words, limit.most, beyond, limit.unit, float(fractions[at]))
         pairs = zip(excess.max(axis=0).tolist(), self._limits, strict=True)
-        nearest = sorted(pairs, key=lambda pair: -pair[0])  # names one of the six sides of a box
+        nearest = sorted(pairs, key=lambda pair: -pair[0])  # an error names one side of a box
         said = {limit.words: limit.describe(most) for most, limit in reversed(nearest)}
         return tuple(said[words] for words in dict.fromkeys(each.words for each in self._limits))
 
     def admit(self, ends: Matrix) -> None:
-        """Let ``keeps`` accept joints (n, dof) that are only just inside the limits."""
+        """Let ``keeps`` also accept these joints (n, dof), even if only just inside the limits."""
         near = self.excess(ends)
         near = near[(near <= _BROKEN).all(axis=1)].max(axis=0, initial=-math.inf)
         self._allowed = np.maximum(self._allowed, near)
 
     def keeps(self, joints: Matrix) -> NDArray[np.bool_]:
-        """Check which joints (n, dof) are well inside the limits (n,)."""
+        """Check which joint vectors (n, dof) are well inside the limits; return a mask (n,)."""
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
-        """Find joints (dof,) nearby that are well inside the limits.
+        """Find joints (dof,) near the given ones, well inside the limits; None if there are none.
 
-        Args:
-            joints: The joints (dof,) from which to start.
-            target_m: The required position of the tip (3,); None if it is free.
-
-        Returns:
-            The joints; None if there are none.
+        The tip is at ``target_m`` (3,) if it is given, otherwise free.
         """
         q, point_m = joints.copy(), np.zeros(3) if target_m is None else target_m
         aims = target_m is not None
@@ -248,11 +243,11 @@ def _limits_of(
         inside = np.minimum(_INSIDE_M, _INSIDE_FRACTION * (high - low))
         for axis, side in enumerate(np.eye(3)):
             for corner, outward in ((low, -side), (high, side)):
-                yield _ToolLimit("box it stays in", "mm", 0.0, float(inside[axis]), outward, corner)
+                yield _ToolLimit("allowed box", "mm", 0.0, float(inside[axis]), outward, corner)
     if constraint.above_m is not None:
         normal = np.array(constraint.normal) / np.linalg.norm(np.array(constraint.normal))
         point = np.array(constraint.above_m)
-        yield _ToolLimit("half-space it stays in", "mm", 0.0, _INSIDE_M, -normal, point)
+        yield _ToolLimit("allowed half-space", "mm", 0.0, _INSIDE_M, -normal, point)
 
 
 def _rates(chain: Chain) -> tuple[Vector, Vector]:

@@ -14,9 +14,9 @@ from ikservo.planning.planner import Planner
 
 # Time between two samples of the commanded path: 0.06 mm of a circle of 5 cm at 0.25 m/s.
 _STEP_S = 0.01
-_LAG_S = 1.0  # the joints lag behind their goals by less than this
+_LAG_S = 1.0  # the joints lag behind their goals by less than this time
 _LEAD_S = 0.1  # a reading is older than its goal by less than this
-_CHUNK = 2000  # points at a time, to bound memory
+_CHUNK = 2000  # number of points that are compared at a time, to bound memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +74,9 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
     """Compute the distances (k,) [m] of measured points from a commanded path.
 
     The distance is to the nearest point of the part of the path that was commanded from one second
-    before the measurement: as in ISO 9283, a lag along the path is not a path error, and on a path
-    that crosses itself, the other branch does not count.
-
-    Args:
-        measured: Times (k,) [s] and points (k, 3) [m].
-        commanded: Times (m,), equally spaced, and points (m, 3).
+    before the measurement: as in ISO 9283, a lag along the path is not a path error; on a path that
+    crosses itself, the other branch does not count. Times (k,) [s] and points (k, 3) [m] are
+    measured; the commanded points are equally spaced in time.
     """
     times_s, points_m = measured
     steps_s, path_m = commanded

@@ -28,14 +28,7 @@ from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import (
-    RETRACT_POSES,
-    MotionPlan,
-    PoseWithinLimits,
-    clamp_pose,
-    clamp_positions,
-    via_pose_plan,
-)
+from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import (
     THINK_S,
     Draw,
@@ -51,15 +44,15 @@ from ikservo.planning.motions import (
 )
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.planner import Planner, PointGoal
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits, clamp_pose, clamp_positions
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
 # A gripper's goal leads it by more than this at the horn while it presses on something.
 _PRESSING_LAG_RAD = 0.05
 # If the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
-_EXITS = 3  # starts for paths around things
-_NEARBY = 300  # postures tried to find these starts
+_EXITS = 3  # most start postures for paths around obstacles
+_NEARBY = 300  # most postures that are tried to find these
 # These fractions of the line from the nearest point back to the tip are suggested.
 _STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 
@@ -68,7 +61,7 @@ _STEPS_UP_M = (0.0, 0.03, 0.06, 0.1)
 
 
 class MotionStart(Protocol):
-    """The start of a motion and its allowed speed; ``MotionRunner`` provides the present ones."""
+    """The start and the allowed speed of a motion; ``MotionRunner`` provides those of the arm."""
 
     def start_position(self) -> Vector:
         """Return the start (n,), rad or m."""
@@ -113,8 +106,8 @@ class _MotionRequest:
     Attributes:
         motion: The motion.
         start: The joints (n,) from which it starts, rad or m.
-        allowed: The speed class in which it may run now.
-        arm: The arm with the surroundings that it had when the plan was requested.
+        allowed: The speed class in which the motion may run now.
+        arm: The arm, with its surroundings at the time when the plan was requested.
     """
 
     motion: TipMotion | MoveJoints | LookAt
@@ -134,13 +127,7 @@ class _MotionRequest:
 
 
 class PreflightPlanner:
-    """Plans the motions of an arm and checks their paths without moving it.
-
-    Args:
-        context: The arm.
-        runner: Provides the start of a motion and its allowed speed.
-        poses: The poses of the arm.
-    """
+    """Plans the motions of an arm and checks their paths without moving it."""
 
     def __init__(self, context: ArmContext, runner: MotionStart, poses: PoseLibrary) -> None:
         self._context, self._runner, self._poses = context, runner, poses
@@ -219,7 +206,7 @@ class PreflightPlanner:
             raise
 
     def _plan_to_point(self, request: _MotionRequest, motion: MoveTo) -> MotionPlan:
-        """Plan a motion to a point; if that is impossible, name a point that would be accepted."""
+        """Plan a motion to a point; if none is possible, name a point that would be accepted."""
         try:
             return self._plan_tip(request)
         except OrientationError:
@@ -304,7 +291,7 @@ class PreflightPlanner:
             was_typed = goal == round(goal, 3)  # 900° of a program file are 15.70796… rad
             if turned and was_typed and lower <= radians(goal) <= upper:
                 meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
-                return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
+                return f"Positions are in radians. Did you mean {goal:g} degrees? Give {meant}."
         return ""
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
@@ -396,10 +383,6 @@ class PreflightPlanner:
     def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
         """Make a plan whose path is free: the direct one, or the first free alternative.
 
-        Args:
-            request: The motion.
-            direct: The direct plan of the motion; None makes it here.
-
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
         """
@@ -420,7 +403,7 @@ class PreflightPlanner:
     def _tries(
         self, request: _MotionRequest, goal: Vector, error: RefusedError
     ) -> Iterator[MotionPlan]:
-        """Yield collision-free plans that avoid obstacles or leave a contact first.
+        """Yield collision-free plans that avoid obstacles, or that first leave a contact.
 
         An arm that touches something leaves the contact first. Other remedies are added to the hint
         of ``error``.
@@ -473,7 +456,7 @@ class PreflightPlanner:
                 plan = self._check_clear(request, tried)
                 if not isinstance(motion, MoveTo | MoveJoints):
                     to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
-                    blocked.command_hint += f" The joints can go around it: ikservo move {to}."
+                    blocked.command_hint += f" A joint motion can go around it: ikservo move {to}."
                     return
                 for point in points:
                     if np.allclose(point.joints, plan.goal):
@@ -486,7 +469,7 @@ class PreflightPlanner:
             return
         load_factor = self._planner.dynamic_load_factor(request.allowed)
         if all(request.arm.is_in_contact(goal, load_factor, 0.0) for goal in goals):
-            blocked.command_hint += " The arm would touch something in each posture at the goal."
+            blocked.command_hint += " The arm would touch something in every posture at the target."
         else:
             blocked.command_hint += f" A search of {spent_s:.1g} s found no path around it."
 
@@ -531,10 +514,12 @@ class PreflightPlanner:
                 yield self._check_clear(leaving, self._plan_directly(leaving))
 
     def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
-        """Yield motions out of a contact, with their final retract poses ("" for none).
+        """Yield motions out of a contact, each with the retract pose where it ends, or with "".
 
-        The first one moves only as far as needed to touch nothing.
+        The first motion goes only as far as needed to touch nothing; it has no retract pose.
         """
+        from ikservo.planning.ways_around import RETRACT_POSES  # noqa: PLC0415
+
         start, allowed = request.start, request.allowed
         free = request.arm.nearest_free_joints(start)
         out = free is not None and self._planner.plan_to_joints(
@@ -555,6 +540,8 @@ class PreflightPlanner:
         return self._planner.plan_to_joints(start, inside.positions, allowed)
 
     def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
+        from ikservo.planning.ways_around import via_pose_plan  # noqa: PLC0415
+
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
 
@@ -577,11 +564,7 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan a motion from the joints ``start`` (n,) [rad or m]; collisions are not checked.
 
-    Args:
-        planner: The planner of the arm.
-        motion: The motion.
-        start: All joints.
-        speed: The speed class, which may be slower than the motion's own.
+    The speed class may be slower than the motion's own.
 
     Raises:
         UnreachableError: A point is out of reach.

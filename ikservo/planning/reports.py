@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.errors import UnknownNameError, format_point
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
@@ -148,8 +148,8 @@ class MoveResult:
 
     Attributes:
         target_m: The requested point (3,), metres, base frame.
-        commanded_tip_m: The tip at the solver's joints (3,).
-        measured_tip_m: The tip at the measured joints (3,).
+        commanded_tip_m: The tip (3,) at the solver's joints.
+        measured_tip_m: The tip (3,) at the measured joints.
         error_m: Distance from the target to the measured tip.
         duration_s: Time from the first goal to rest.
         reached: Whether the error is within the arm's tolerance.
@@ -185,7 +185,7 @@ class MoveResult:
 
     def __str__(self) -> str:
         """Show the error and the duration; ``repr`` shows all fields."""
-        off = f"{1e3 * self.error_m:.1f} mm off {format_point(self.target_m)}"
+        off = f"{1e3 * self.error_m:.1f} mm from {format_point(self.target_m)}"
         return _ended(self.reached, off, self.duration_s, self.binding)
 
 
@@ -196,7 +196,7 @@ class JointMoveResult:
     Attributes:
         goal_rad: The requested joint goals.
         measured_rad: The measured positions of these joints.
-        measured_tip_m: The tip at the measured joints (3,).
+        measured_tip_m: The tip (3,) at the measured joints.
         error_rad: The largest error of a joint.
         duration_s: Time from the first goal to rest.
         reached: Whether every joint is within its tolerance.
@@ -216,7 +216,7 @@ class JointMoveResult:
 
     def __str__(self) -> str:
         """Show the error and the duration; ``repr`` shows all fields."""
-        off = f"{', '.join(self.goal_rad)} at most {self.error_rad:.4f} off"
+        off = f"{', '.join(self.goal_rad)} off by at most {self.error_rad:.4f}"
         return _ended(self.reached, off, self.duration_s, self.binding)
 
 
@@ -231,8 +231,8 @@ class GraspResult:
         reached: Whether the jaws are at their goal.
         position_rad: The position of the gripper's joint, rad or m.
         width_m: The distance between the jaws; None if the arm file has no widths.
-        load_percent: The load of the servo, in percent of its torque or current.
-        force: The fraction of its torque that the servo may use.
+        load_percent: The load of the servo, in percent of its maximum torque or current.
+        force: The fraction of its maximum torque that the servo may use.
         duration_s: The duration of the motion.
     """
 
@@ -303,7 +303,7 @@ def describe_torque(states: Sequence[JointState]) -> str:
     if not limp:
         return "torque stays on"
     if len(limp) == len(states):
-        return "torque is off, the arm is limp"
+        return "torque is off; the arm is limp"
     return f"the torque of {', '.join(limp)} is off"
 
 

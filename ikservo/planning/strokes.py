@@ -1,4 +1,4 @@
-"""Plan drawings: strokes of the tip at a constant speed, and the lifted paths between them."""
+"""Plan drawings: strokes of the tip at a constant speed, and the lifted paths between strokes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ikservo.planning.tool_speed import ToolSpeed
 
 # Largest rounding of a corner of a stroke.
 _CORNER_M = 2e-4
-# A blend passes its corner at this fraction of its length, per unit of change of the slope.
+# Distance of a blend from its corner per unit of change of slope, as a fraction of its length.
 _PASSED = 0.1875
 _SAME_POINT_M = 1e-6  # a point nearer to the previous point of its stroke is left out
 
@@ -29,8 +29,8 @@ _SAME_POINT_M = 1e-6  # a point nearer to the previous point of its stroke is le
 def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> MotionPlan:
     """Plan a whole drawing from the joints ``start`` (n,).
 
-    The joints move the tip above the first point; the tip then moves down, along the stroke, up,
-    and above the next stroke, and ends above the last point.
+    A joint motion brings the tip above the first point; the tip then moves down, along the stroke,
+    up, to a point above the next stroke, and so on; it ends above the last point.
 
     Raises:
         UnreachableError: A point is out of reach; the first one and its stroke are named.
@@ -46,7 +46,7 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
     with _at("stroke 1"):
         plans = [planner.plan_to_point(start, strokes[0][0] + up, speed, above)]
     at = plans[0].goal
-    for number, points in enumerate(drawing.strokes_m):  # all points, before paths are made
+    for number, points in enumerate(drawing.strokes_m):  # check all points before making paths
         for k, point_m in enumerate(cast("Sequence[ArrayLike]", points)):
             with _at(f"point {k + 1} of stroke {number + 1}"):
                 at = planner.reach(at, point_m)
@@ -68,7 +68,7 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
 
 @contextmanager
 def _at(place: str) -> Generator[None]:
-    """Add the place in the drawing to an error."""
+    """Add the place in the drawing where an error occurred to its message."""
     try:
         yield
     except UnreachableError as error:
@@ -86,7 +86,7 @@ def _stroke_path(stroke: Matrix) -> BlendedPath:
 
 
 def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
-    """Join plans, each of which starts where the previous one ends, into one plan."""
+    """Join plans into one plan; each starts where the previous plan ends."""
     trajectory = plans[0].trajectory
     for plan in plans[1:]:
         trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)

@@ -1,4 +1,4 @@
-"""The surroundings of an arm: things and other arms; only one arm moves at a time."""
+"""The surroundings of an arm: obstacles and other arms; only one arm moves at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ikservo.model.arm_model import Obstacle
 
 
 class Turn:
-    """A lock shared by two arms: only one moves at a time, and neither waits for the other."""
+    """A lock shared by two arms: only one arm moves at a time, and neither waits for the other."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -32,11 +32,7 @@ class Turn:
 
     @contextmanager
     def taken(self, arm: object, other: str) -> Generator[None]:
-        """Hold the lock for an arm while the block runs.
-
-        Args:
-            arm: One of the two arms.
-            other: The name of the other arm.
+        """Hold the lock for an arm while the block runs; ``other`` is the other arm's name.
 
         Raises:
             RefusedError: The other arm is moving.
@@ -55,7 +51,7 @@ class Turn:
 
 
 def other_moves(name: str) -> RefusedError:
-    """Return the error for an arm that must not move because the named arm is moving."""
+    """Return the error for an arm that must not move because another arm, which is named, moves."""
     return RefusedError(
         f"{name}, which is in reach, is moving.",
         "Only one of the two arms may move at a time. Wait until the other arm is at rest.",
@@ -76,7 +72,7 @@ class AnotherArm(Protocol):
         ...
 
     def things(self, arm: object) -> Sequence[Obstacle]:
-        """Measure the other arm's links; return them as things in the base frame of ``arm``.
+        """Measure the other arm's links; return them as obstacles in the base frame of ``arm``.
 
         Raises:
             RefusedError: The other arm is moving, or its position cannot be measured.
@@ -89,11 +85,11 @@ class Surroundings:
     """The present surroundings of an arm.
 
     Attributes:
-        checker: Checks paths; None if paths are not checked. A change replaces it and leaves
-            checkers that are in use unchanged.
+        checker: Checks paths; None if paths are not checked. A change replaces the checker;
+            checkers that are in use do not change.
         others: The other arms in reach.
-        contacts: The pairs of the checker, and their depths when the arm came into contact
-            (pairs,), as negative distances [m], -inf for no contact; None: not known.
+        contacts: The pairs of the checker, and the depths (pairs,) at which their contacts began,
+            as negative distances [m], -inf without contact; None: unknown.
     """
 
     checker: CollisionChecker | None
@@ -106,15 +102,15 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Set the arm's body and the things around it; other arms stay where they were measured."""
+        """Set the arm's body and the obstacles around it; other arms stay where they were seen."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)
 
     def contacts_began_m(self) -> Vector | None:
-        """Return the depth (pairs,) at which each pair came into contact, or None.
+        """Return the depth (pairs,) at which each pair came into contact; None if unknown.
 
-        None: Nothing is recorded, or the checked pairs have changed.
+        It is unknown if nothing is recorded, or if the checked pairs have changed.
         """
         if self.contacts is None or self.checker is None or self.contacts[0] != self.checker.pairs:
             return None

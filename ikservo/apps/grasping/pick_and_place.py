@@ -57,6 +57,7 @@ _MIN_CLEARANCE_M = 0.001
 _UNKNOWN_WIDTH_M = 0.03  # of a thing that was not picked up by ``Pick``
 _TOP_M = 0.004  # part of a thing above the jaws
 _APPROACHES_M = (0.08, 0.05)  # lengths of the straight approach, the best first
+_LOWER_M = 0.001  # jaws that hold another width than planned may reach this much lower
 _RAISES_M = np.arange(0.0, 0.0151, 0.0015)  # of the jaws above the middle, the best first
 _SUNK_M = 0.002  # error of a point on the table that is not refused
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)  # heights from which a thing is let go
@@ -136,8 +137,8 @@ class Pick(OwnMotion[GraspResult]):
         if sides[0][0] + 2.0 * _MIN_CLEARANCE_M > most_m:
             wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
             raise RefusedError(
-                f"The thing is {wide_mm:.0f} mm wide, the jaws open {most_mm:.0f} mm there.",
-                "Nothing moves. Choose a narrower thing.",
+                f"The thing is {wide_mm:.0f} mm wide, but the jaws open only {most_mm:.0f} mm.",
+                "Nothing moved. Choose a narrower thing.",
             )
 
         def stances() -> Iterator[Stance]:
@@ -178,7 +179,8 @@ class Pick(OwnMotion[GraspResult]):
             grip.T_thing_tip = None
         at = format_point(self.middle_m)
         raise RefusedError(
-            f"The gripper found nothing at {at}, or lost it.", "Look, and try again."
+            f"The gripper found nothing at {at}, or dropped it.",
+            "Check where it is, then try again.",
         )
 
     def __str__(self) -> str:
@@ -217,7 +219,7 @@ class Place(OwnMotion[GraspResult]):
                 raise RefusedError(
                     f"With its middle at {format_point(self.middle_m)}, the thing would be "
                     f"{-1000.0 * bottom_m:.0f} mm below the table.",
-                    f"The thing is {1000.0 * grip.height_m:.0f} mm high; give a higher middle.",
+                    f"The thing is {1000.0 * grip.height_m:.0f} mm high; place it higher.",
                 )
         return planner.plan(middle_m, _DROPS_M, [(stance, grip_m)], kinds, float(held[0]))
 
@@ -254,7 +256,7 @@ def pick(arm: OpenArm, thing: ArrayLike | KeepOutShape, **options: Any) -> Grasp
 def pick_box(box: KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
     """Return the motion that picks up an upright box; other things are refused."""
     if box.row[IS_CYLINDER] or box.row[ROUNDING] or box.row[8] < _UPRIGHT_COSINE:
-        raise RefusedError(f"{box.name} is not an upright box.", "Give the point to grip.")
+        raise RefusedError(f"{box.name} is not an upright box.", "Give the point to grip instead.")
     yaw_rad = math.atan2(box.row[3], box.row[0])
     return Pick(box.row[9:12], size_m=2.0 * box.half_size_m, yaw_rad=yaw_rad, **options)
 
@@ -346,9 +348,9 @@ class _GraspPlanner:
         ``kinds`` are the motions: open and close for the jaws, which stay at ``held``; to, down
         and away for the tip.
         """
-        at, reason = format_point(middle_m.tolist()), "The gripper cannot be turned to it there."
+        at, reason = format_point(middle_m.tolist()), "The gripper cannot be oriented for it."
         if middle_m[2] < (self._context.model.floor_m or 0.0):
-            raise RefusedError(f"{at} is below the table.", "Nothing moves. Choose another point.")
+            raise RefusedError(f"{at} is below the table.", "Nothing moved. Choose another point.")
         self._context.planner.reach(self._start, middle_m)
         until_s = perf_counter() + _SEARCH_S
         for stance, grip_m in stances:
@@ -361,14 +363,19 @@ class _GraspPlanner:
                     if T is None or perf_counter() > until_s:
                         break
                     way = _UP if is_up else -T[:3, :3] @ self.tool.approach_axis
-                    motions = self._motions(T, T[:3, 3] + length_m * way, stance, kinds)
+                    poses = make_pose(-_LOWER_M * _UP, np.eye(3)) @ T, T
+                    below, motions = (
+                        self._motions(each, each[:3, 3] + length_m * way, stance, kinds)
+                        for each in poses
+                    )
                     try:
+                        self._plan_all(below, held)
                         return self._plan_all(motions, held)
                     except (RefusedError, UnreachableError) as error:
                         reason = error.message
         raise RefusedError(
             f"{self._context.model.name} cannot grip or put down anything at {at}: {reason}",
-            "Nothing moves. Choose another point, or move what is in the way.",
+            "Nothing moved. Choose another point, or move what is in the way.",
         )
 
     def tip_at(self, point_m: Vector, stance: ToolOrientation, grip_m: Vector) -> Matrix | None:
@@ -380,7 +387,7 @@ class _GraspPlanner:
         q = self._context.index.chain_joints(self._start)
         for _ in range(3 if grip_m.any() else 1):
             try:
-                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q).solution
+                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q)
             except OrientationError:
                 return None
             if not found.reached:

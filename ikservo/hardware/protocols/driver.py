@@ -9,8 +9,8 @@ from typing import Protocol
 from ikservo.hardware.packets import MemoryRange, Reply, ScanResult, Status
 from ikservo.hardware.protocols.transceiver import Transceiver
 
-_SLOT_BYTES = 14  # the longest ping reply
-_MAX_PAUSE_S = 0.003  # maximum delay of a servo after the previous one
+_SLOT_BYTES = 14  # length of the longest ping reply
+_MAX_PAUSE_S = 0.003  # maximum delay of a servo's reply after the previous servo's slot
 _MARGIN = 2.0  # multiple of the measured time per slot
 
 
@@ -33,8 +33,8 @@ def broadcast_ping(
     """Send a broadcast ping and receive until no servo up to an id can still reply.
 
     Servos reply in the order of their ids, each in its slot. The SDK always waits for 253 slots of
-    3 ms, spinning (docs/sdk-defects.md D13). Here the wait ends with the slot of the highest id,
-    and the first replies show the length of a slot.
+    3 ms in a busy loop (docs/sdk-defects.md D13). Here the wait ends with the slot of the highest
+    id, and the first replies show the length of a slot.
 
     Raises:
         PortLostError: The port is lost.
@@ -79,7 +79,7 @@ class ProtocolDriver(Protocol):
 
     @property
     def transceiver(self) -> Transceiver:
-        """The transceiver that sends requests and reads replies; it stores the return delay."""
+        """The transceiver that sends requests and reads replies; it keeps the return delay."""
         ...
 
     def set_return_delay(self, return_delay_s: float) -> None:
@@ -97,7 +97,7 @@ class ProtocolDriver(Protocol):
 
     @property
     def already_retried(self) -> bool:
-        """Whether the latest group read was already repeated, with another instruction."""
+        """Whether the latest group read has already been repeated with another instruction."""
         ...
 
     @property

@@ -7,8 +7,8 @@ byte of some stuffed replies (D2), returns the CRC as data if a servo has refuse
 the alarms of servos in sync reads (D4, D5).
 
 Packets of protocol 1.0 go through ``Protocol1PacketHandler.txPacket``. The reception of this
-handler is not used either: it returns the checksum as data if a servo has refused (D3), and spins
-while it waits by the wall clock (D7).
+handler is not used either: it returns the checksum as data if a servo has refused (D3), and waits
+in a busy loop by the wall clock (D7).
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
 _REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
 _PING_SIZE = 3  # model number and firmware
-_FAST_FAILURES = 2  # in succession; causes: old firmware, a missing servo, a bad line
-_RETRY_FAST_AFTER = 200  # readings after which fast sync read is tried again
+_FAST_FAILURES = 2  # failures in succession; causes: old firmware, a missing servo, a bad line
+_RETRY_FAST_AFTER = 200  # number of readings after which fast sync read is tried again
 
 
 class DynamixelDriver:
@@ -222,7 +222,7 @@ def _two_byte_words(*numbers: int) -> bytes:
 
 _REBOOT_1, _BULK_READ_1 = 0x08, 0x92
 
-# Error bits about the request; the other bits are alarms of the servo itself.
+# These error bits refuse the request; the other bits are alarms of the servo itself.
 _DAMAGED = 0x10
 _REFUSALS = {
     0x02: "reports a goal outside its angle limits",
@@ -247,12 +247,7 @@ class _Dynamixel1Codec(Protocol1Codec):
 
 
 class Dynamixel1Driver(Protocol1Driver):
-    """Driver for AX and MX servos: none has sync read, and only MX servos have bulk read.
-
-    Args:
-        port: The port.
-        bulk_ids: The servos that support bulk read.
-    """
+    """Driver for AX and MX servos, without sync read; servos in ``bulk_ids`` support bulk read."""
 
     def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
         super().__init__(port, Protocol1PacketHandler().txPacket, _Dynamixel1Codec(COMM_TX_ERROR))
@@ -263,11 +258,11 @@ class Dynamixel1Driver(Protocol1Driver):
         return self._bulk_ids.issuperset(servo_ids)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes from many servos, with one bulk read for those that support it."""
+        """Read the same bytes from many servos, with one bulk read for all that support it."""
         return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes from each servo, one after the other if it has no bulk read."""
+        """Read different bytes from each servo; those without bulk read one after another."""
         together = {i: span for i, span in spans.items() if i in self._bulk_ids}
         if len(together) < 2:
             return super().bulk_read(spans)
@@ -286,7 +281,7 @@ class Dynamixel1Driver(Protocol1Driver):
 
     def factory_reset(self, servo_id: int) -> Reply:
         """Return a fault, because the servo would get id 1, which another servo may have."""
-        found = "would become id 1 by a factory reset; restore a backup instead"
+        found = "would get id 1 from a factory reset; restore a backup instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
 
     def reboot(self, servo_id: int) -> Reply:

@@ -54,7 +54,7 @@ class _FeetechCodec(Protocol1Codec):
 
 
 class FeetechDriver(Protocol1Driver):
-    """Driver for STS, SMS and HLS servos, and with ``can_sync_read=False`` for SCS servos (F16)."""
+    """Driver for STS, SMS and HLS servos; with ``can_sync_read=False`` for SCS servos (F16)."""
 
     def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
         super().__init__(port, _packet_sender(), _FeetechCodec(COMM_TX_ERROR))

@@ -29,7 +29,7 @@ def packet_size(size: int) -> int:
 
 
 def checksum(body: bytes) -> int:
-    """Compute the inverted sum of everything between header and checksum."""
+    """Compute the inverted sum of all bytes between header and checksum."""
     return ~sum(body) & 0xFF
 
 
@@ -53,12 +53,7 @@ def scan_packets(data: bytes, sizes: Collection[int], *, final: bool) -> ScanRes
     """Find the status packets in received bytes.
 
     A false header does not hide a packet after it (docs/sdk-defects.md F11): if the checksum or the
-    length is wrong, the scan continues at the next byte.
-
-    Args:
-        data: The bytes so far.
-        sizes: Bytes of data in the expected replies.
-        final: Whether no more bytes will come.
+    length is wrong, the scan continues at the next byte. See ``Framing.scan``.
     """
     frames: list[StatusPacket] = []
     at = junk = 0
@@ -86,8 +81,8 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
 def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
     """Check whether an expected packet begins inside this one and ends after it.
 
-    Such a packet consists of a truncated packet and the beginning of the next one: one checksum in
-    256 is right by chance.
+    Such a packet consists of a truncated packet and the beginning of the next packet: its checksum
+    is right by chance in one of 256 cases.
     """
     inner = data.find(_HEADER, at + 1, end + 1)
     while inner >= 0:
@@ -104,7 +99,7 @@ def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
 
 
 def _packet_length(data: bytes, at: int) -> int | None:
-    """Compute the length of the packet that seems to begin here; None if there is none."""
+    """Compute the length of the packet that seems to begin here; None if there is no packet."""
     if data[at : at + 2] != _HEADER or len(data) <= at + _LEN:
         return None
     if data[at + 2] > _HIGHEST_ID or data[at + _LEN] < 2:

@@ -66,7 +66,7 @@ _CRCS = tuple(map(_byte_crc, range(256)))
 
 @cache
 def _word_crc_table() -> Sequence[int]:
-    """Compute the CRC of every pair of bytes on first use, so that each pair takes one lookup."""
+    """Compute the CRC of every pair of bytes on first use, so that each pair needs one lookup."""
     with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
     return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
@@ -83,11 +83,7 @@ def crc(start: int, packet: Sequence[int], count: int) -> int:
 
 
 class Protocol2Codec:
-    """Codec of protocol 2.0.
-
-    Args:
-        too_long: The SDK's code for a packet that is too long to send.
-    """
+    """Codec of protocol 2.0; ``too_long`` is the SDK's code for a packet that is too long."""
 
     highest_id = 0xFC
 
@@ -108,7 +104,7 @@ class Protocol2Codec:
                 return ScanResult(tuple(frames), len(data) - at, junk)
             if at < end <= len(data) and self._crc_is_right(data[at:end]):
                 packet, at = data[at:end], end
-                # An instruction, such as our own echo, is not a reply.
+                # An instruction, such as the echo of our own, is not a reply.
                 if (
                     packet[_INSIDE] == _STATUS
                     and packet[4] <= self.highest_id
@@ -134,7 +130,7 @@ class Protocol2Codec:
         return replies
 
     def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
-        """Parse the reply in a packet without stuffing and error; None for other packets."""
+        """Parse the reply in a packet that has no stuffing and no error; None for other packets."""
         expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
         if packet[: _INSIDE + 2] != expected or _UNSTUFFED in packet[_INSIDE:]:
             return None
@@ -143,7 +139,7 @@ class Protocol2Codec:
         return Status(servo_id, packet[_INSIDE + 2 : -2])
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as data with an alert or as a refusal; None if it is not the reply."""
+        """Interpret a frame as data with an alert, or as a refusal; None if it is not the reply."""
         number, alert = frame.error & ~_ALERT, frame.error & _ALERT
         if number:
             kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED
@@ -154,7 +150,7 @@ class Protocol2Codec:
         return Status(frame.servo_id, frame.data, alert)
 
     def _packet_length(self, data: bytes, at: int) -> int:
-        """Compute the length of the packet that begins here; 0 if none does, large if unknown."""
+        """Compute the length of the packet that begins here: 0 without one, large if unknown."""
         start = data[at : at + _INSIDE]
         if start[:4] != _HEADER[: len(start)]:
             return 0
@@ -222,7 +218,7 @@ class FixedPacketHandler(Protocol2PacketHandler):
         return packet
 
     def updateCRC(self, crc_accum: int, data_blk_ptr: Sequence[int], data_blk_size: int) -> int:
-        """Return the CRC; the SDK would build a table for each packet."""
+        """Return the CRC; the SDK's own method would build a table for each packet."""
         return crc(crc_accum, data_blk_ptr, data_blk_size)
 
 
@@ -237,10 +233,7 @@ def fast_sync_size(count: int, size: int) -> int:
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
     """Split the combined packet into replies; empty if servos or order are not as requested.
 
-    Args:
-        data: Bytes from the first ERR to the last data byte, which one checksum covers.
-        servo_ids: The requested servos, in order.
-        size: Bytes of each servo's data.
+    ``data`` are the bytes from the first ERR to the last data byte, which one checksum covers.
     """
     if len(data) != 1 + fast_sync_size(len(servo_ids), size):
         return []

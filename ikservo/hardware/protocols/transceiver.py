@@ -41,10 +41,7 @@ class ReplyReader:
         self._replies: dict[int, Reply] = {}
 
     def read_replies(self, delays_s: float) -> dict[int, Reply]:
-        """Receive until all servos have replied, or no further reply can arrive.
-
-        Args:
-            delays_s: Sum of the servos' return delays, seconds.
+        """Receive until all servos have replied, or until no further reply can arrive.
 
         Raises:
             PortLostError: The port is lost.
@@ -55,7 +52,7 @@ class ReplyReader:
             port.sleep_until_due(self._expected)
         chunk = port.read_until(self._expected, due_s + port.reply_timeout.typical_s)
         alone = len(chunk) == self._expected and port.echoes is False
-        if alone and not port.stale_bytes(len(chunk)):  # only the replies came, which is normal
+        if alone and not port.stale_bytes(len(chunk)):  # no other bytes came, which is normal
             replies = self._codec.parse_in_order(chunk, self._sizes)
             if replies is not None:
                 port.on_reply(chunk, reply_bytes=self._expected)
@@ -64,7 +61,7 @@ class ReplyReader:
         return self._read_remaining(chunk, due_s)
 
     def _read_remaining(self, chunk: bytes, due_s: float) -> dict[int, Reply]:
-        """Continue until all replies are complete, or no missing one can arrive any more."""
+        """Continue until all replies are complete, or no missing reply can arrive any more."""
         port, timeout_s = self._port, self._port.reply_timeout.timeout_s
         last, frame_size = next(reversed(self._sizes)), self._codec.frame_size
         deadline_s, limit_s = due_s + timeout_s, due_s + (1 + _MAX_WAITS) * timeout_s
@@ -79,7 +76,7 @@ class ReplyReader:
                 return self._replies
             now_s = port.clock.now_s()
             if last in self._replies and not port.pending.pending_until_s((last,), now_s):
-                deadline_s = due_s  # no earlier servo can still reply
+                deadline_s = due_s  # no servo before this one can still reply
             elif fresh and (now_s < deadline_s or len(self._sizes) > 1):
                 deadline_s = min(max(deadline_s, now_s + timeout_s), limit_s)
             if now_s >= deadline_s:
@@ -88,7 +85,7 @@ class ReplyReader:
             chunk = port.read_some(max(self._expected - there, 1), deadline_s)
 
     def _add_chunk(self, chunk: bytes) -> bool:
-        """Add received bytes; return whether they can belong to this request's replies."""
+        """Add received bytes; return whether these can belong to replies to this request."""
         self._raw += chunk
         early = self._port.stale_bytes(len(self._raw) + self._stale) - self._stale
         if early > 0:
@@ -165,7 +162,7 @@ class ReplyReader:
             self._scan = self._scan_packets(bytes(self._raw), final=True)
             self._replies = self._interpret_frames(self._scan.frames, final=True)
         if not self._replies:
-            if not self._scan.frames and not self._scan.junk:  # junk came in time
+            if not self._scan.frames and not self._scan.junk:  # invalid bytes came in time
                 port.reply_timeout.on_timeout(many=len(self._sizes) > 1)
             if self._stale:
                 port.byte_rate.reset()
@@ -175,12 +172,7 @@ _NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Sends requests on a port and receives the replies.
-
-    Attributes:
-        port: The line.
-        codec: The status packet codec.
-    """
+    """Sends requests on a port and receives the replies."""
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec
@@ -198,7 +190,7 @@ class Transceiver:
     def choose_window(
         self, servo_ids: tuple[int, ...], span: MemoryRange, size_of: Callable[[int], int] = int
     ) -> MemoryRange:
-        """Choose the best window for reading a span now.
+        """Choose the memory window that is read now to get a span.
 
         The window is the span itself unless a reply of that length is still pending from one of the
         servos; see ``PendingReplies``. If replies of every length are pending, this method waits.
@@ -211,7 +203,7 @@ class Transceiver:
         return found or span
 
     def wait_for_pending(self, servo_ids: tuple[int, ...]) -> None:
-        """Wait until no older reply of these servos can arrive any more."""
+        """Wait until no earlier reply of these servos can arrive any more."""
         port = self.port
         quiet_s = port.pending.clear_from_s(servo_ids, port.clock.now_s(), port.health)
         port.clock.sleep_until(quiet_s)
@@ -269,7 +261,7 @@ class Transceiver:
             raise PortLostError(self.port.name, "the packet was not sent completely")
 
     def _ambiguous_ids(self, sizes: Mapping[int, int]) -> list[int]:
-        """Return the servos whose replies cannot be distinguished from older ones."""
+        """Return the servos whose replies cannot be distinguished from earlier replies."""
         port, now_s = self.port, self.port.clock.now_s()
         pending, health = port.pending, port.health
         if not health.suspect:
@@ -303,7 +295,7 @@ class Transceiver:
             pending.record_received(tuple(servo_ids), size, what, now_s)
 
 
-_MAX_CACHED = 64  # more than a program repeats; a faulty line must not fill the memory
+_MAX_CACHED = 64  # more packets than a program repeats; a faulty line must not fill the memory
 _SHORT_WRITE = 1  # any code but 0; ``send`` raises PortLostError for it
 
 CacheKey = tuple[int, int, bytes]
@@ -311,19 +303,14 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Cache of packets without values, which the SDK builds once and a program repeats.
-
-    Args:
-        port: The port.
-        cacheable: The instructions whose packets carry no values.
-    """
+    """Cache of packets without values, which the SDK builds once and a program repeats."""
 
     def __init__(self, port: Port, cacheable: frozenset[int]) -> None:
         self._port, self._cacheable = port, cacheable
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, key: CacheKey) -> int | None:
-        """Clear the input and send a recorded packet; return the result code; None if unknown."""
+        """Clear the input and send a recorded packet; return the result code; None: no record."""
         packet = self._packets.get(key)
         if packet is None:
             return None

@@ -1,9 +1,9 @@
 """Track which late replies may still arrive, the health of the line, and the reply timeout.
 
 A status packet contains its sender and its length; it does not identify the request that it replies
-to. A request repeated while a reply is overdue may therefore receive the old reply. Waiting 200 ms
-after each loss is too long. The next request is therefore formed so that its reply differs in
-length from every reply that is still pending.
+to. A request that is repeated while the first reply is overdue may therefore receive the first
+reply. Waiting 200 ms after each loss is too long. The next request is therefore formed so that its
+reply differs in length from every reply that is still pending.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from dataclasses import dataclass
 
 from ikservo.hardware.packets import MemoryRange
 
-# Clean requests until the line is trusted.
+# Number of clean requests until the line is trusted.
 _AT_FIRST = 50
 _PER_EVENT = 300  # added by each anomaly
-_MAX_SUSPICION = 3000  # at most
+_MAX_SUSPICION = 3000  # maximum of this number
 
-_LEARNED_CHUNKS = 16  # replies that were not faster than the wire allows
+_LEARNED_CHUNKS = 16  # number of replies not faster than the wire allows, before the check applies
 _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at most
 
 
 class LineHealth:
-    """Health of the line: healthy after enough clean requests; each anomaly requires more of them.
+    """Health of the line: healthy after enough clean requests; each anomaly requires more.
 
     Args:
         clean_requests: The number of clean requests until the line counts as healthy.
 
     Attributes:
         suspect: Whether the line is not known to be healthy; static registers are then read twice.
-        degraded: Whether an anomaly occurred recently; in addition, no request is then repeated
-            with the same reply length.
+        degraded: Whether an anomaly occurred recently; a repeated request must then have another
+            reply length.
     """
 
     def __init__(self, clean_requests: int = _AT_FIRST) -> None:
@@ -51,23 +51,17 @@ class LineHealth:
 
 
 class ByteRateCheck:
-    """Counts the reply bytes that can have arrived; any excess predates the request.
+    """Counts the reply bytes that can have arrived; bytes in excess predate the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
-    therefore applies only after replies have met it for a while, until a reply is lost by it.
+    therefore applies only after replies have kept it for a while, until it costs a reply.
     """
 
     def __init__(self) -> None:
         self._on_time = 0
 
     def excess_bytes(self, count: int, since_s: float, byte_s: float) -> int:
-        """Compute how many of the received bytes are older than the request.
-
-        Args:
-            count: Bytes received.
-            since_s: Time since the request's last byte was sent.
-            byte_s: Time of a byte on the wire.
-        """
+        """Compute how many of the received bytes are older than a request sent ``since_s`` ago."""
         if self._on_time < _LEARNED_CHUNKS:
             return 0
         return max(0, count - int(since_s / byte_s * _MARGIN_BYTES + 1))
@@ -77,7 +71,7 @@ class ByteRateCheck:
         self._on_time = self._on_time + 1 if count <= since_s / byte_s * _MARGIN_BYTES + 1 else 0
 
     def reset(self) -> None:
-        """Start counting again, because bytes were discarded as stale and no reply came."""
+        """Count replies from zero, because bytes were discarded as stale and no reply came."""
         self._on_time = 0
 
 
@@ -88,8 +82,8 @@ MAX_REPLY_DELAY_S = 0.25
 _DUPLICATE_WINDOW_S = 0.020
 # Latest requests whose replies may come a second time.
 _CLEAN_DUPLICATES = 3  # on a healthy line
-_SUSPECT_DUPLICATES = 6  # on any other
-_MAX_WINDOW_BYTES = 64  # bytes beyond the requested ones
+_SUSPECT_DUPLICATES = 6  # on any other line
+_MAX_WINDOW_BYTES = 64  # most bytes read in addition to the requested ones
 
 _Ids = tuple[int, ...]
 
@@ -99,7 +93,7 @@ class _ReceivedReply:
     """A request with a reply, which may arrive a second time."""
 
     size: int
-    request: object  # None once a write has made the reply stale
+    request: object  # None after a write that has made the reply stale
     at_s: float
 
 
@@ -107,7 +101,7 @@ class PendingReplies:
     """Records which replies may still arrive from each servo on one line."""
 
     def __init__(self) -> None:
-        self._pending: dict[int, list[tuple[int, float]]] = {}  # size and expiry time
+        self._pending: dict[int, list[tuple[int, float]]] = {}  # by servo id: size and expiry time
         self._received: dict[_Ids, deque[_ReceivedReply]] = {}
         self._overlapping: dict[_Ids, list[deque[_ReceivedReply]]] = {}
 
@@ -141,7 +135,7 @@ class PendingReplies:
         return bool(self._pending)
 
     def pending_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
-        """Return when the last pending reply of these servos expires; None if none is pending."""
+        """Return the time when the last pending reply of servos expires; None: none is pending."""
         pending = (entry for servo_id in servo_ids for entry in self._pending_of(servo_id, now_s))
         return max((until_s for _, until_s in pending), default=None)
 
@@ -194,7 +188,7 @@ class PendingReplies:
         health: LineHealth,
         size_of: Callable[[int], int] = int,
     ) -> MemoryRange | None:
-        """Return the smallest window around a span with a reply length that is not pending.
+        """Return the smallest window around a span whose reply length is not pending.
 
         Args:
             servo_ids: The servos that will reply.
@@ -223,7 +217,7 @@ class PendingReplies:
         return pending
 
     def _received_of(self, servo_ids: _Ids) -> list[deque[_ReceivedReply]]:
-        """Return the requests that included these servos."""
+        """Return the recent requests to which these servos replied."""
         overlapping = self._overlapping.get(servo_ids)
         if overlapping is None:
             members = set(servo_ids)
@@ -249,7 +243,7 @@ def _possible_duplicates(
 
 
 _LEARNED_REPLIES = 16  # replies before their times are used
-_HISTORY_LENGTH = 32  # recent replies, and as many older ones, for the slowest
+_HISTORY_LENGTH = 32  # number of replies among which the slowest is found
 _MARGIN = 1.5  # multiple of the slowest recent reply
 _MAX_DOUBLINGS = 6
 _MAX_OWN_MISSES = 2  # consecutive timeouts that still count as a servo's fault

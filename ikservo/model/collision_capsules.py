@@ -19,7 +19,7 @@ from ikservo.model.urdf_xml import import_command
 
 
 def collision_body(model: Model) -> CollisionBody:
-    """Return the arm's capsules, and the pairs of links that are apart in its named poses."""
+    """Return the arm's collision body; overlaps of pairs in its named poses are allowed."""
     postures = [model.chain_pose(name) for name in model.poses]
     return CollisionBody(model.chain, _require_capsules(model), postures)
 
@@ -44,7 +44,8 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
     body = CollisionBody(chain, capsules, poses + closed)
     opening: list[Vector] = []
     if "rest" in model.poses:
-        # A limp arm sinks a little below its rest pose; its jaws need the clearance there, too.
+        # A limp arm sinks a little below its rest pose; its jaws need the clearance in that
+        # position, too.
         rest = np.array([model.poses["rest"][name] for name in chain.names])
         spread = np.linspace(gripper.closed, gripper.open, _JAW_SAMPLES)
         opening = [np.append(rest[:-1], at) for at in spread]
@@ -57,7 +58,7 @@ _JAW_SAMPLES = 16
 
 
 def capsules_of(model: Model) -> list[Capsule]:
-    """Return the capsules around each link's collision shapes, or its visual shapes if none.
+    """Return capsules around each link's collision shapes, or visual shapes if it has none.
 
     Raises:
         InputError: A shape is a mesh; the link is named.
@@ -73,7 +74,7 @@ def capsules_of(model: Model) -> list[Capsule]:
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
     """Remove capsules inside another capsule, such as the spheres at the ends of a cylinder.
 
-    Capsules are convex, so one contains another if it contains both of the other's ends.
+    Capsules are convex, so that one contains another if it contains both ends of the other.
     """
     if len(capsules) < 2:
         return capsules
@@ -99,7 +100,7 @@ def _require_capsules(model: Model) -> list[Capsule]:
     capsules = capsules_of(model)
     if not capsules:
         raise InputError(
-            f"Contact cannot be checked: no link of {model.name} has a shape.",
+            f"Contact cannot be checked, because no link of {model.name} has a shape.",
             "Add <collision> shapes to its description, or use --no-collision "
             "(collisions=False) if you can see that the path is free.",
         )
@@ -117,7 +118,7 @@ def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
     """
     if isinstance(shape, Mesh | Surface):
         raise InputError(
-            f"Contact cannot be checked: link {link} has a mesh.",
+            f"Contact cannot be checked, because link {link} has a mesh.",
             f"Convert the description: {import_command(Path('FILE'))}",
         )
     if isinstance(shape, Sphere):

@@ -24,19 +24,14 @@ from ikservo.model.load_lag import spread_postures
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 
 # Margin: servos differ in torque and damping by a twentieth, and the joints of an arm push each
-# other. With 1.05, 2 of 24 killed programs of a wx250s let a joint move on by 63 ticks, not 60.
+# other. With 1.05, a joint of a wx250s moved on by 63 ticks, not 60, after 2 of 24 kills.
 _MARGIN = 1.15
 
 
 def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
-    """Return the largest travel of each joint after its last goal, divided by its speed.
+    """Return the travel of each joint after its last goal, divided by its speed, seconds by joint.
 
-    Args:
-        model: The masses and servos.
-        chain: The joints, base to tip.
-
-    Returns:
-        Seconds by joint, without joints whose servos are unknown.
+    Joints whose servos are unknown are left out.
     """
     greatest: dict[str, float] = {}  # inertia that a joint moves with the payload, any posture
     parameters = nominal_parameters(model, chain)

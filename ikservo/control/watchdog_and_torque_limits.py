@@ -1,4 +1,4 @@
-"""Limits in servo RAM (profile, torque, watchdog), whose loss reveals a reset."""
+"""Limits in servo RAM (profile, torque, watchdog); if they are lost, the servo was reset."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 
-from ikservo.control.feedback import with_retries
+from ikservo.control.joint_reading import with_retries
 from ikservo.errors import BusError, HeldUpError, RegisterAccessError
 from ikservo.guard import OverloadRule
 from ikservo.hardware.bus import ServoBus
@@ -25,14 +25,14 @@ def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
     registers = torque_limit_registers(bus, servo_id)
     if registers is None:
         servo = str(bus.servos[servo_id])
-        raise RegisterAccessError(servo, "torque limit", "there is none in RAM")
+        raise RegisterAccessError(servo, "torque limit", "this servo has none in RAM")
     limit, maximum = registers
     max_counts = bus.read(servo_id, maximum, raw=True)
     bus.write(servo_id, limit, max(1, round(fraction * max_counts)), raw=True)
 
 
 def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Register] | None:
-    """Return the RAM register that limits a servo's torque, and the register of its maximum.
+    """Return the RAM register that limits a servo's torque, and the register with its maximum.
 
     Feetech STS and older Dynamixel have a torque limit in RAM. Dynamixel X limits its current by
     the goal current in current-based position mode, and otherwise its duty by the goal PWM. The
@@ -72,12 +72,7 @@ _DYNAMIXEL_TIME_S = 2.0  # time until the servo protects itself
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
-    """Read the overload protection of a servo; None if it has none.
-
-    Args:
-        bus: The servo bus.
-        servo_id: The servo.
-        gain_share: The P gain as a fraction of the gain in the motor table.
+    """Read a servo's overload protection, if any, at this share of the motor table's gain.
 
     Raises:
         BusError: The servo does not answer.
@@ -113,10 +108,10 @@ def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
 _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
 _COARSE_SPEED = 50  # ticks/s per count if the table's fine_speed_bit is clear
 
-# Servos use no ramps of their own: they would brake for each goal of a stream, lag it by v² / 2a,
-# and run on longer by that distance after the last goal.
+# Servos use no ramps of their own: they would brake for each goal of a stream, lag the stream by v²
+# / 2a, and run on further by that distance after the last goal.
 _NO_RAMP = 0
-_SPEED_MARGIN = 1.2  # a joint that lags may catch up
+_SPEED_MARGIN = 1.2  # a factor above 1, so that a joint that lags may catch up
 
 _WATCHDOG_COUNTS = 5  # time-out of the watchdog in counts of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
@@ -129,8 +124,7 @@ class ServoRamLimits:
         bus: The servo bus.
         servo_ids: The servos to which goals are sent.
         unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
-            its position, and from there a joint under load sinks further than it would move to its
-            last goal.
+            its position, and a joint under load then sinks further than to its last goal.
     """
 
     def __init__(
@@ -155,11 +149,7 @@ class ServoRamLimits:
     def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
         """Clear the watchdog and set full torque, before torque comes on.
 
-        A tripped watchdog blocks goals until it is cleared.
-
-        Args:
-            servo_id: The servo.
-            keep_torque: Whether to keep the torque limit.
+        A tripped watchdog blocks goals until it is cleared. ``keep_torque`` keeps the torque limit.
 
         Raises:
             BusError: The servo does not answer.
@@ -177,10 +167,7 @@ class ServoRamLimits:
             self._bus.write(servo_id, registers["goal_torque"], most, raw=True)
 
     def set_speed(self, speed_rad_s: float) -> None:
-        """Limit the speed at which every servo turns towards its goal.
-
-        Args:
-            speed_rad_s: The top speed of the motions that follow, at the horn.
+        """Limit the speed at which every servo turns towards its goal, at the horn.
 
         Raises:
             BusError: A servo cannot be written.
@@ -249,12 +236,7 @@ class ServoRamLimits:
             raise _pause_error()
 
     def reset_markers(self, servo_id: int, *, watchdog: bool = True) -> Mapping[Register, int]:
-        """Return the RAM registers that a reset would change, with their present values.
-
-        Args:
-            servo_id: The servo.
-            watchdog: Whether to include the watchdog if it is armed.
-        """
+        """Return the RAM registers that a reset would change, with their present values."""
         if servo_id not in self._expected:
             return {}
         registers, expected = self._limit_registers(servo_id), self._expected[servo_id]
@@ -282,7 +264,7 @@ class ServoRamLimits:
     def _limit_speed(self, servo_id: int, speed_rad_s: float) -> None:
         table = self._servo_spec(servo_id).table
         speed = table.find(RegisterName.PROFILE_VELOCITY)
-        if servo_id not in self._time_based:  # another joint alone was prepared
+        if servo_id not in self._time_based:  # only another joint was prepared
             self._time_based[servo_id] = self._read_time_based(servo_id)
         if self._time_based[servo_id]:  # the register is a duration; 0 disables the profile
             self._write_limit(servo_id, speed, 0)
@@ -296,7 +278,7 @@ class ServoRamLimits:
             fine = phase & table.fine_speed_bit
             counts = counts if fine else -(-counts // _COARSE_SPEED)
         elif speed.to_value(counts) * _SPEED_MARGIN < speed_rad_s:
-            counts += 1  # a coarse unit must not slow the motion
+            counts += 1  # rounded up, because a coarse unit must not slow the motion
         self._write_limit(servo_id, speed, min(max(1, counts), speed.range[1]))
 
     def _write_limit(self, servo_id: int, register: Register, counts: int) -> None:

@@ -30,15 +30,11 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     """Raise an error that explains a failed request if possible; send only pings and reads.
 
     Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
-    servos are silent, others may be on the line; searching for them takes up to two seconds.
-
-    Args:
-        bus: The bus.
-        error: The error with which the request failed.
+    servos are silent, others may be on the line; the search for these takes up to two seconds.
 
     Raises:
         BadReplyError: Several servos reply at one id; all such ids are named.
-        ServoSilentError: Servos are silent and others were found; they are named.
+        ServoSilentError: Servos are silent, and servos with other ids were found; these are named.
         PortLostError: The port is lost.
     """
     raise_on_duplicate_ids(bus)
@@ -50,7 +46,7 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
         listed = "; ".join(map(str, found))
         verb = "does" if len(silent) == 1 else "do"
         raise ServoSilentError(
-            f"{verb} not answer at {bus.port.baudrate} baud; there is {listed}",
+            f"{verb} not answer at {bus.port.baudrate} baud; found instead: {listed}",
             _format_hint(found, silent, bus.port.baudrate),
             servo=error.servo,
             servo_id=error.servo_id,
@@ -69,7 +65,10 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
     if duplicates:
         names = ", ".join(map(str, duplicates))
         raise BadReplyError(
-            "answers like several servos", DUPLICATE_ID_HINT, servo=names, port=bus.port.name
+            "answers as if it were several servos",
+            DUPLICATE_ID_HINT,
+            servo=names,
+            port=bus.port.name,
         )
 
 
@@ -87,7 +86,7 @@ def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:
         ids = [i for i, servo in bus.servos.items() if servo.table.family in framing.families]
         if not ids:
             continue
-        unused_id = next(i for i in framing.ids if i not in ids)  # its reply is an echo
+        unused_id = next(i for i in framing.ids if i not in ids)  # the reply at this id is an echo
         pings = ping_ids(bus.port, framing, [unused_id, *(_PINGS * ids)])
         for servo_id in ids:
             odd = pings.junk or len(pings.frames.get(servo_id, ())) > _PINGS
@@ -110,12 +109,9 @@ _MAX_FOUND = 3  # servos checked closely; more would not change the message
 def find_unexpected_servos(
     port: Port, silent: Sequence[ServoSpec], known: Collection[int]
 ) -> list[FoundServo]:
-    """Find servos that may be the silent ones, first with the expected ids, then with any id.
+    """Find servos that may be the silent servos: first those with expected ids, then any others.
 
-    Args:
-        port: The port; its rate is restored.
-        silent: The servos that do not reply.
-        known: The ids of all servos that should be on the line.
+    ``known`` are the ids that should be on the line. The port keeps its rate.
 
     Raises:
         PortLostError: The port is lost.

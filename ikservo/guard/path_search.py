@@ -1,9 +1,9 @@
 """Search for a joint path around obstacles that block the straight path.
 
 The compiled search (`ikservo.kernels.way_search`) checks samples. A path is shortened, and is
-proven free before it is returned. If a proof fails, the motion is removed from its tree, sampling
-becomes finer, and the search continues. Results are reproducible, because each search begins with
-the same seed, and counts its effort in postures, not seconds.
+proven free before it is returned. If the proof fails for a motion of the path, this motion is
+removed from its tree, sampling becomes finer, and the search continues. Results are reproducible,
+because each search begins with the same seed, and counts its effort in postures, not seconds.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from ikservo.kinematics.packed import WIDTH
 _NODES = 100000  # most nodes of a tree
 _STEP_M = 0.1  # spacing of postures on an edge of a tree at first
 _FINEST_M = 0.002  # a shortcut that is free at this spacing is not refined further
-_CHUNK = 2000  # postures between two checks for the end of the search
+_CHUNK = 2000  # number of postures between two checks whether the search must end
 _CHUNK_IN_PYTHON = 20  # the same without compiled kernels
 # After the first path, the search continues for shorter ones.
 _MOST_WAYS = 8  # paths in all
 _SEARCHED_AGAIN = 1  # multiple of the postures for the first path
-_LEAST_AGAIN = 2500  # smallest number of postures
+_LEAST_AGAIN = 2500  # at least this number of postures
 _SHORT = 1.4  # multiple of the straight distance; shorter paths are not improved
 _SHORT_IN_TIME = 1.02  # the same for a search that may take its time
-_FOR_EVER = 10**15  # postures: only time ends the search
+_FOR_EVER = 10**15  # number of postures that is never reached: only time ends the search
 _SHORTER = 0.75  # the next path must be shorter by this factor
 _ROOM = 200  # rows for the corners that shortcuts add
 _SAME = 1e-9  # rounding of a joint at its limit, rad or m
 
 
 class SearchedTool(Protocol):
-    """Constraints of a tool on the path."""
+    """Constraints of the tool on the path, for a search."""
 
     @property
     def arm(self) -> Matrix:
@@ -58,7 +58,7 @@ class SearchedTool(Protocol):
         ...
 
     def keeps(self, joints: Matrix) -> NDArray[np.bool_]:
-        """Check which joints (n, dof) keep the limits (n,)."""
+        """Check which joint vectors (n, dof) satisfy the limits; return a mask (n,)."""
         ...
 
 
@@ -68,7 +68,7 @@ def path_length(path: Matrix) -> float:
 
 
 class WaySearch:
-    """A search for straight motions through postures (k, n) from a start to one of some goals.
+    """A search for straight motions through postures (k, n) from a start to one of several goals.
 
     Args:
         space: The free space.
@@ -76,10 +76,11 @@ class WaySearch:
         goals: The possible ends (m, n).
         lower: The lowest positions (n,), finite.
         upper: The highest positions (n,).
-        body: For each joint of the body (dof, 3): the column in a posture, or -1; the unit; the
-            position if there is no column. None if a posture has all joints.
+        body: For each joint of the body (dof, 3): its column in a posture, or -1; the column's
+            unit; the joint's position if there is no column. None if a posture has all joints.
         tool: The constraint of the tool on the path; None if it is free.
-        columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
+        columns: The column in a posture, and its unit, of each joint of the tool's chain (joints,
+            2).
         seed: The seed of the random numbers.
         takes_time: Whether to shorten a path until the search must end, unless it is nearly
             straight.
@@ -103,7 +104,7 @@ class WaySearch:
         seed: int = 1,
         takes_time: bool = False,
     ) -> None:
-        from ikservo.kernels import way_search as kernel  # noqa: PLC0415  # as the checker's
+        from ikservo.kernels import way_search as kernel  # noqa: PLC0415  # as in the checker
 
         n, self._kernel = len(start), kernel
         every = np.column_stack([np.arange(n, dtype=np.float64), np.ones(n), np.zeros(n)])
@@ -126,11 +127,9 @@ class WaySearch:
         self._plant(self._limits)
 
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
-        """Continue until a path that is proven free is found.
+        """Continue the search until a path is found and proven free.
 
-        Args:
-            most: The largest number of postures to check.
-            is_over: Returns whether the search must end, even without a path; called often.
+        At most ``most`` postures are checked; ``is_over``, which is called often, ends the search.
 
         Returns:
             The postures (k, n) of the path; None if none was found yet, or the start or all goals
@@ -164,7 +163,7 @@ class WaySearch:
     def _bound(
         self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
     ) -> Callable[..., object]:
-        """Return a kernel function that needs only the sample distance and the bound."""
+        """Return a kernel function that still needs the sample distance and the bound."""
         tool, dof = self._tool, len(self._columns)
         nothing = np.zeros((0, 8))
         return bind(
@@ -189,7 +188,7 @@ class WaySearch:
         )
 
     def _other_ways(self, way: Matrix, is_over: Callable[[], bool]) -> list[Matrix]:
-        """Search again with other random numbers, unless the path is already short."""
+        """Search for other paths with other random numbers, unless the path is already short."""
         looked, before = self._kernel.LOOKED, (self._nodes, self._parents, self._grow_trees)
         until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
         until = _FOR_EVER if self._takes_time else int(until)
@@ -220,15 +219,11 @@ class WaySearch:
         return np.clip([low, high], *self._limits)
 
     def _proven_way(self, is_over: Callable[[], bool]) -> Matrix | None:
-        """Return the shortest proven path; remove motions that are not free from the trees.
-
-        Returns:
-            The path; None if a motion was removed.
-        """
+        """Return the shortest proven path; None if a motion was not free and has been removed."""
         out, home = self._branches()
         way, step_m = self._way(out, home), self._step_m
         shorter = self._shortened(way, step_m)
-        # If proofs fail, other paths are not searched each time.
+        # After a failed proof, other paths are not searched again.
         if step_m == _STEP_M or self._is_proven(shorter):
             ways = [shorter, *self._other_ways(shorter, is_over)]
             for shortest in sorted(ways, key=path_length):
@@ -252,7 +247,7 @@ class WaySearch:
         return way
 
     def _branches(self) -> tuple[list[int], list[int]]:
-        """Return the tree rows from the meeting point to the start, and those to a goal."""
+        """Return the tree rows from the meeting point to the start, and from there to a goal."""
         found = list[int](), list[int]()
         for rows, met in zip(found, self._state[self._kernel.MET :], strict=False):
             row = int(met)

@@ -69,7 +69,7 @@ def with_retries(clock: Clock, access: Callable[[], None]) -> None:
     return access()
 
 
-_MAX_LOST = 3  # cycles in a row
+_MAX_LOST = 3  # number of consecutive cycles
 
 
 class Feedback:
@@ -212,12 +212,7 @@ _STATE_REGISTERS = (
 def read_joint_states(
     bus: ServoBus, driven_joints: Sequence[DrivenJoint], ticks: Sequence[int]
 ) -> tuple[JointState, ...]:
-    """Read every joint's limits, temperature, voltage, load and torque.
-
-    Args:
-        bus: The servo bus.
-        driven_joints: The joints, each with its servo, limits and speed.
-        ticks: The positions (n,) that were just measured.
+    """Read limits, temperature, voltage, load and torque of joints just measured at ``ticks`` (n,).
 
     Raises:
         BusError: A servo does not answer.
@@ -257,7 +252,7 @@ def read_joint_states(
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
-    """Read a servo's alarms by name, because replies may only flag that there is an alarm."""
+    """Read the names of a servo's alarms, because replies may only flag that there is an alarm."""
     if not bus.alarms.get(servo_id):
         return ()
     with contextlib.suppress(BusError):

@@ -1,9 +1,9 @@
 """Deflection behind the joint sensors of an arm: compliance and backlash, under gravity.
 
-A sensor on a servo's shaft does not measure the horn, the screws and the printed link behind it.
-These parts turn by ``compliance * torque``, and across their backlash to the side to which gravity
-pulls. The torque depends on the posture of the links, so the link joints solve ``q_link = q -
-compliance g(q_link) - half_play side(g(q_link))``; the inverse is explicit.
+A sensor on a servo's shaft does not measure the horn, the screws and the printed link that the
+shaft drives. These parts turn by ``compliance * torque``, and across their backlash to the side to
+which gravity pulls. The torque depends on the posture of the links, so the link joints solve
+``q_link = q - compliance g(q_link) - half_play side(g(q_link))``; the inverse is explicit.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ikservo.kinematics.dynamics import Dynamics
 # This torque presses a joint to one side of its backlash; below it the side is uncertain.
 _SIDE_NM = 0.05
 # Each step multiplies the error by compliance times stiffness of gravity, a tenth or less for most
-# arms. Half steps help arms for which it is more than one.
+# arms. Half steps help arms for which this factor is more than one.
 _STEPS = 80  # maximum number of steps
-_WHOLE_STEPS = 8  # number of whole steps; further ones are half steps
+_WHOLE_STEPS = 8  # number of whole steps; further steps are half steps
 _ENOUGH_RAD = 1e-9  # a smaller change ends the steps
-_DERIVATIVE_RAD = 1e-4  # step for the stiffness of gravity
+_DERIVATIVE_RAD = 1e-4  # offset of a joint to compute the stiffness of gravity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +65,7 @@ class Bending:
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-        """Compute the partial derivatives of link joints: sensors, compliances, half backlashes.
+        """Compute derivatives of the link joints by sensor joints, compliances and half backlashes.
 
         Returns:
             The derivatives (n, dof, dof) with respect to each of these, column by column.
