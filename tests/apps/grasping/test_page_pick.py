@@ -116,7 +116,7 @@ def test_next_plan_begins_where_joints_rest_after_a_motion(session):
     assert np.abs(off_rad).max() < 0.01
 
 
-def test_joint_that_moves_in_its_backlash_does_not_withdraw_an_offer(session):
+def test_joint_that_moves_in_its_backlash_keeps_an_offer(session):
     servos = session.arm.context.servos
     servos.set_reference(servos.reference() + 0.015)  # Go finds the joints where they are
     session.look()
