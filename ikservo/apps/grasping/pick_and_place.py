@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import partial, reduce
+from itertools import product
 from time import perf_counter
 from typing import Annotated, Any, cast
 
@@ -37,7 +38,7 @@ from ikservo.model.scene_file import KeepOutShape
 from ikservo.model.tool import tool_frame
 from ikservo.motion import ConcatenatedTrajectory, JointMove, Trajectory, TrajectoryPoint
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motion_plan import MotionPlan, has_moved
 from ikservo.planning.motions import MotionValue, MoveGripper, MoveLine, MoveTo, Speed
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
@@ -56,8 +57,9 @@ _MIN_CLEARANCE_M = 0.001
 _UNKNOWN_WIDTH_M = 0.03  # of a thing that was not picked up by ``Pick``
 _TOP_M = 0.004  # part of a thing above the jaws
 _APPROACHES_M = (0.08, 0.05)  # lengths of the straight approach, the best first
-_LOWER_M = 0.002  # the arm may end this much lower than planned
-_RAISES_M = (0.0, 0.003, 0.006, 0.01, 0.015)  # of the jaws above the middle, the best first
+_LOWER_M = 0.001  # jaws that hold another width than planned may reach this much lower
+_RAISES_M = np.arange(0.0, 0.0151, 0.0015)  # of the jaws above the middle, the best first
+_SUNK_M = 0.002  # error of a point on the table that is not refused
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)  # heights from which a thing is let go
 _OPENED = 0.1  # of the jaws' travel; they have then let go of what was between them
 _THINK_S = 1.0  # for a path around things; another grasp may need none
@@ -127,7 +129,8 @@ class Pick(OwnMotion[GraspResult]):
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
         most_m, (length_m, width_m, height_m) = planner.jaws.most_m, self.size_m
-        raises_m = [each for each in _RAISES_M if each <= max(height_m / 2.0 - _TOP_M, 0.0)]
+        most_raise_m = min(max(height_m / 2.0 - _TOP_M, 0.0), float(_RAISES_M[-1]))
+        raises_m = [*_RAISES_M[most_raise_m > _RAISES_M].tolist(), most_raise_m]
         across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
         # Jaws that cannot be turned to a thing turn the thing.
         sides = [*sorted(across), (math.hypot(length_m, width_m), None)]
@@ -212,7 +215,7 @@ class Place(OwnMotion[GraspResult]):
         middle_m = np.array(self.middle_m)
         if known is not None and grip is not None:
             bottom_m = middle_m[2] - grip.height_m / 2.0
-            if bottom_m < (context.model.floor_m or 0.0) - _LOWER_M:
+            if bottom_m < (context.model.floor_m or 0.0) - _SUNK_M:
                 raise RefusedError(
                     f"With its middle at {format_point(self.middle_m)}, the thing would be "
                     f"{-1000.0 * bottom_m:.0f} mm below the table.",
@@ -273,9 +276,16 @@ def _grip_of(arm: ArmParts) -> Grip:
 
 
 def _plan_now(motion: Pick | Place, arm: ArmParts) -> Steps:
-    """Plan all steps from where the arm holds; the first one may have to be slow."""
-    slow_first = replace(motion, speed=arm.runner.allowed_speed(motion.speed))
-    return slow_first.plan(arm.context, arm.runner.start_position(), _grip_of(arm))[0]
+    """Plan all steps from where the arm holds, also if it sinks before its torque is on."""
+    context, runner = arm.context, arm.runner
+    slow_first = replace(motion, speed=runner.allowed_speed(motion.speed))
+    steps, whole = slow_first.plan(context, runner.start_position(), _grip_of(arm))
+    if not context.servos.torque.is_on:
+        with runner.undisturbed():
+            runner.enable()
+        if has_moved(whole, runner.start_position(), context.planner.motion_limits("slow")):
+            return _plan_now(motion, arm)
+    return steps
 
 
 def _run(arm: ArmParts, steps: Steps, on_progress: OnProgress | None) -> GraspResult:
@@ -344,13 +354,20 @@ class _GraspPlanner:
         self._context.planner.reach(self._start, middle_m)
         until_s = perf_counter() + _SEARCH_S
         for stance, grip_m in stances:
-            for raise_m in raises_m:
-                self._context.servos.stop_request.check_request()
-                T = self.tip_at(middle_m + raise_m * _UP, stance, grip_m)
-                if T is None or perf_counter() > until_s:
-                    break
-                lower = self._approaches(make_pose(-_LOWER_M * _UP, np.eye(3)) @ T, stance, kinds)
-                for below, motions in zip(lower, self._approaches(T, stance, kinds), strict=True):
+            is_steep = stance.pitch_rad is not None and stance.pitch_rad < _FROM_ABOVE_RAD
+            for is_up, length_m in product((True, False) if is_steep else (False,), _APPROACHES_M):
+                # What touches at the end of one approach touches at that of all: first higher.
+                for raise_m in raises_m:
+                    self._context.servos.stop_request.check_request()
+                    T = self.tip_at(middle_m + raise_m * _UP, stance, grip_m)
+                    if T is None or perf_counter() > until_s:
+                        break
+                    way = _UP if is_up else -T[:3, :3] @ self.tool.approach_axis
+                    poses = make_pose(-_LOWER_M * _UP, np.eye(3)) @ T, T
+                    below, motions = (
+                        self._motions(each, each[:3, 3] + length_m * way, stance, kinds)
+                        for each in poses
+                    )
                     try:
                         self._plan_all(below, held)
                         return self._plan_all(motions, held)
@@ -390,20 +407,17 @@ class _GraspPlanner:
         both = _ROLLS_RAD[[best, best - len(_ROLLS_RAD) // 2]].tolist()
         return sorted(both, key=abs) if askew[best] < _MAX_SKEW else []
 
-    def _approaches(
-        self, T: Matrix, stance: ToolOrientation, kinds: Sequence[str]
-    ) -> Iterator[Motions]:
-        """Yield the motions from above, and back along the tool, to a pose of the tip (4, 4)."""
-        loose, speed, at_m = replace(stance, within_rad=_LOOSE_RAD), self._speed, T[:3, 3]
-        back, pitch_rad = -T[:3, :3] @ self.tool.approach_axis, self.tool.pitch_rad(T[:3, :3])
-        for way in (_UP, back) if pitch_rad < _FROM_ABOVE_RAD else (back,):
-            for above_m in (at_m + length_m * way for length_m in _APPROACHES_M):
-                parts: dict[str, MotionValue[Any]] = {
-                    "to": MoveTo(above_m, speed=speed, stance=loose, think_s=_THINK_S),
-                    "down": MoveLine(at_m, speed="slow", stance=stance),
-                    "away": MoveLine(above_m, speed=speed, stance=loose),
-                }
-                yield [parts.get(kind) or MoveGripper(kind) for kind in kinds]
+    def _motions(
+        self, T: Matrix, above_m: Vector, stance: ToolOrientation, kinds: Sequence[str]
+    ) -> Motions:
+        """Return the motions to a pose of the tip (4, 4) and back, by a point (3,) above it."""
+        loose, speed = replace(stance, within_rad=_LOOSE_RAD), self._speed
+        parts: dict[str, MotionValue[Any]] = {
+            "to": MoveTo(above_m, speed=speed, stance=loose, think_s=_THINK_S),
+            "down": MoveLine(T[:3, 3], speed="slow", stance=stance),
+            "away": MoveLine(above_m, speed=speed, stance=loose),
+        }
+        return [parts.get(kind) or MoveGripper(kind) for kind in kinds]
 
     def _plan_all(self, motions: Motions, held: float) -> Planned:
         """Plan motions one after the other, and as one plan; the jaws close to ``held``."""

@@ -4,6 +4,7 @@ import math
 import re
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,6 +100,28 @@ def test_go_streams_exactly_the_plan_that_was_shown(session):
     session.go(number)
     away = np.abs(shown[:, None] - np.array(streamed)[None]).max(axis=2).min(axis=1)
     assert away.max() < math.radians(1.5)
+
+
+def test_next_plan_begins_where_joints_rest_after_a_motion(session):
+    session.offered(CUBE)
+    servos = session.arm.context.servos
+
+    def end_short(_arm, _on_progress):
+        servos.set_reference(servos.reference() + 0.02)
+
+    path = replace(session.interaction.path, run=end_short)
+    ExecutePath(path).run(session.arm, session.arm_thread)
+    chain = ~session.arm.joint_index.outside_chain()
+    off_rad = (servos.reference() - servos.measure_positions())[chain]
+    assert np.abs(off_rad).max() < 0.01
+
+
+def test_joint_that_moves_in_its_backlash_keeps_an_offer(session):
+    servos = session.arm.context.servos
+    servos.set_reference(servos.reference() + 0.015)  # Go finds the joints where they are
+    session.look()
+    session.go(session.offered(CUBE))
+    assert session.holds, session.texts
 
 
 def test_grasp_that_found_nothing_says_so_and_moves_on(session):

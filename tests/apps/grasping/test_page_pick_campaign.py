@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from ikservo.errors import IkservoError
-from tests.apps.grasping.hidden_mistakes import hidden_arm_with_cube
 from tests.apps.grasping.pick_session import pick_session
-from tests.apps.grasping.test_pick_campaign import CLICK_PX, CUBE_M, LIFTED_M, NEAR_M, drawn_place
+from tests.apps.grasping.test_pick_campaign import CUBE_M, LIFTED_M, NEAR_M, clicked_scene
 from tests.arm.seeds import log, part_of
 
 pytest.importorskip("cv2")
@@ -15,16 +14,13 @@ pytest.importorskip("mujoco")
 
 def pick_and_place_by_page(name, seed, folder):
     """Return how far the cube was lifted, and its distance from the second click, m."""
-    chance = np.random.default_rng(2000 + seed)
-    cube, goal = drawn_place(name, chance), drawn_place(name, chance)
-    hidden = hidden_arm_with_cube(name, seed, cube, folder)
-    with hidden as (arm, world, camera), pick_session(arm) as session:
-        pixels = [camera.pixel(np.append(cube, CUBE_M / 2)), camera.pixel(np.append(goal, 0.0))]
-        clicks = np.array(pixels) + 0.5 + chance.normal(0.0, CLICK_PX, (2, 2))
-        session.go(session.offered_at(clicks[0]))
+    scene = clicked_scene(name, seed, folder)
+    with scene as (arm, world, clicks, goal), pick_session(arm) as session:
+        session.go(session.offered_at(clicks[0] + 0.5))
         height_m = world.cube_poses()[0][2, 3]
         assert session.holds, session.texts
-        session.go(session.offered_at(clicks[1]))
+        session.go(session.offered_at(clicks[1] + 0.5))
+        assert not session.holds, session.texts
         (T,) = world.cube_poses()
         return height_m - CUBE_M / 2, float(np.linalg.norm(T[:2, 3] - goal))
 

@@ -9,7 +9,7 @@ import pytest
 import ikservo
 from ikservo.apps.cameras.board_detection import Intrinsics
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.grasping import jaws
+from ikservo.apps.grasping import jaws, pick_and_place
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.apps.grasping.pick_and_place import Pick, Place, pick_box
 from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError, UnreachableError
@@ -120,6 +120,22 @@ def test_pick_that_finds_nothing_reports_it_and_opens_jaws(so101):
         so101.place((0.24, -0.05, 0.0175))
 
 
+def test_carried_cube_stays_where_the_jaws_hold_it():
+    pytest.importorskip("mujoco")
+    with ikservo.open_arm("koch", "sim:?pose=home&physics=1&cubes=red@0.16,0.04") as arm:
+        world = line_of(arm).world
+
+        def cube_at_tip_m():
+            T = world.tip.pose([joint.position for joint in world.joints])
+            return (np.linalg.inv(T) @ world.cube_poses()[0])[:3, 3]
+
+        arm.pick((0.16, 0.04, 0.0175), size_m=CUBE)
+        held_m = cube_at_tip_m()
+        for pan_rad in (-0.6, 0.6):
+            arm.move_joints({"shoulder_pan": pan_rad}, speed="slow")
+        np.testing.assert_allclose(cube_at_tip_m(), held_m, atol=0.0005)
+
+
 def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
     start = so101.where().positions_rad
     steps, whole = Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(so101.context, start)
@@ -131,6 +147,28 @@ def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
     np.testing.assert_allclose(whole.start, start)
     np.testing.assert_allclose(whole.trajectory.state(whole.duration_s).position, whole.goal)
     assert not any(servo.read("torque_enable") for servo in line_of(so101).servos.values())
+
+
+@pytest.mark.parametrize(("height_m", "most_m"), [(0.004, 0.0), (0.035, 0.0135), (0.1, 0.015)])
+def test_jaws_grip_a_thing_as_high_as_they_still_hold_it(so101, monkeypatch, height_m, most_m):
+    tried = []
+    monkeypatch.setattr(
+        pick_and_place._GraspPlanner, "plan", lambda _, middle, raises, *rest: tried.extend(raises)
+    )
+    size_m, start = (0.03, 0.03, height_m), so101.where().positions_rad
+    Pick((0.24, 0.05, 0.0175), size_m=size_m).plan(so101.context, start)
+    assert tried == sorted(set(tried))
+    assert tried[-1] == pytest.approx(most_m)
+
+
+@pytest.mark.parametrize(
+    ("name", "x_m", "y_m", "most_m"), [("koch", 0.16, 0.04, 0.004), ("wx250s", 0.24, 0.05, 0.0135)]
+)
+def test_planned_grip_is_as_low_as_the_table_allows(name, x_m, y_m, most_m):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        start = arm.where().positions_rad
+        steps, _ = Pick((x_m, y_m, 0.0175), size_m=CUBE).plan(arm.context, start)
+        assert steps[2].motion.position_m[2] - 0.0175 < most_m
 
 
 def test_cube_is_between_the_jaws_in_the_planned_grasp(so101):

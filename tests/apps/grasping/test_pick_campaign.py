@@ -1,6 +1,7 @@
 """Cubes are picked from clicks in the camera's picture, by arms with hidden mistakes."""
 
 import math
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -23,16 +24,25 @@ def drawn_place(name, chance):
     return away_m * np.array([math.cos(angle), math.sin(angle)])
 
 
-def pick_and_place_by_clicks(name, seed, folder):
-    """Return how far the cube was lifted, and its distance from the second click, m."""
+@contextmanager
+def clicked_scene(name, seed, folder):
+    """Yield an arm with hidden mistakes, its world, the two clicks (2, 2), and the goal (2,), m.
+
+    A seed gives the same mistakes, places and clicks whoever picks, so that ways are compared.
+    """
     chance = np.random.default_rng(1000 + seed)
     cube, goal = drawn_place(name, chance), drawn_place(name, chance)
+    noise = chance.normal(0.0, CLICK_PX, (2, 2))
     with hidden_arm_with_cube(name, seed, cube, folder) as (arm, world, camera):
-        noise = chance.normal(0.0, CLICK_PX, (2, 2))
-        click = camera.pixel(np.append(cube, CUBE_M / 2)) + noise[0]
-        there = camera.pixel(np.append(goal, 0.0)) + noise[1]
-        block = arm.camera.block_at(*click)
-        point_m = arm.camera.point_seen(*there).point_m
+        points = np.append(cube, CUBE_M / 2), np.append(goal, 0.0)
+        yield arm, world, np.array([camera.pixel(point) for point in points]) + noise, goal
+
+
+def pick_and_place_by_clicks(name, seed, folder):
+    """Return how far the cube was lifted, and its distance from the second click, m."""
+    with clicked_scene(name, seed, folder) as (arm, world, clicks, goal):
+        block = arm.camera.block_at(*clicks[0])
+        point_m = arm.camera.point_seen(*clicks[1]).point_m
         assert arm.pick(block).grasped, "the gripper found nothing"
         ((_, _, height_m),) = (T[:3, 3] for T in world.cube_poses())
         arm.place([*point_m[:2], point_m[2] + block.half_size_m[2]])

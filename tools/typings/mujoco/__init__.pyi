@@ -61,6 +61,7 @@ class _Option:
     integrator: mjtIntegrator
     cone: mjtCone
     impratio: float
+    noslip_iterations: int
 
 class MjModel:
     jnt_dofadr: _Ints

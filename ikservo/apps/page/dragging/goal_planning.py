@@ -97,13 +97,14 @@ class PlanRequest:
         """Return whether the only change is that a limp arm sank a little.
 
         For a joint outside its limits, even a few ticks count, because the guard may not let it
-        move back to the start of the plan.
+        move back to the start of the plan. Plans of several motions allow as much of an arm that
+        rests in its backlash.
         """
         there = copy(self)
         there.start = before.start
         sunk = np.abs(self.start - before.start)
         return (
-            before.is_limp
+            (before.is_limp or before.plan is not None)
             and bool((sunk <= self.sag).all())
             and bool(((sunk > self.near) | (before._is_outside & (sunk > 0.0))).any())
             and not there.change_since(before)

@@ -120,6 +120,7 @@ class ExecutePath:
                 arm.execute(replace(plan, limp_arm=None), observer.on_progress)
             else:
                 run(arm, observer.on_progress)
+            servos.refresh_reference()  # the next plan begins where the joints rest
 
 
 class RelaxArm:
