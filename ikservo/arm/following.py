@@ -286,6 +286,7 @@ def follow_targets(
     speed: str,
     on_progress: OnProgress | None,
     on_refused: OnRefused | None = None,
+    jerk_factor: float = 1.0,
 ) -> FollowResult:
     """Follow a stream of targets; see ``follow``. Each refusal is also reported at once."""
     context = arm.context
@@ -295,7 +296,7 @@ def follow_targets(
     started_s, warnings = context.now_s(), context.servos.warnings
     warnings.clear()
     with arm.runner.requested():
-        goal = follow_goals(arm, follower, speed=speed)
+        goal = follow_goals(arm, follower, speed=speed, jerk_factor=jerk_factor)
         if goal is None:
             measured = context.servos.measure_positions()
         else:
