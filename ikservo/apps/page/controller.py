@@ -96,6 +96,7 @@ class SessionController:
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
+        self._hand_stamp: tuple[float, float] | None = None  # its time of the page, and of this one
         self._numbers = itertools.count(1)
         # Only the client in control may send these; the pointer's messages are not in the table.
         self._control_handlers: dict[type, Handler] = {
@@ -113,6 +114,7 @@ class SessionController:
             msg.MarkTip: self._mark_tip,
             msg.Grasp: self._choose_grasp,
             msg.RunPanelMotion: self._run_panel_motion,
+            msg.TrackHand: self._track_hand,
             msg.ChooseCamera: self._choose_camera,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
@@ -163,6 +165,7 @@ class SessionController:
         frames += self._following.frames(client)
         frames += self._app_panels.frames(client, self._grasp.panels())
         frames += self._servos.frames(client)
+        frames += self._hand_frames() if in_control else []
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
 
@@ -490,6 +493,26 @@ class SessionController:
         context = self._interaction.pointer_context(camera, snapshot, plane_m, surface)
         self._interaction.handle(message, context, snapshot, self._clock.now_s())
         self._move_thing()
+
+    def _track_hand(self, message: msg.TrackHand, _client: Client) -> None:
+        """Move the goal with the hand; an arm that accepts no targets opens the clutch."""
+        arm_thread, snapshot = self._arm_thread, self._arm_thread.snapshot
+        if snapshot.stop_notice or snapshot.calibration or arm_thread.job is not None:
+            self._interaction.hand.release()
+            return
+        self._arm.context.require_zeros()
+        now_s = self._clock.now_s()
+        self._interaction.track_hand(message, snapshot, arm_thread.command.speed, now_s)
+        self._hand_stamp = message.stamp, now_s
+
+    def _hand_frames(self) -> list[Frame]:
+        """Return what limits the hand, once the arm has been read after its last pose."""
+        if self._hand_stamp is None or self._arm_thread.snapshot.read_s <= self._hand_stamp[1]:
+            return []
+        (stamp, _), self._hand_stamp = self._hand_stamp, None
+        hand, refusal = self._interaction.hand, self._interaction.refusal
+        limit = hand.limit if refusal is None else refusal.reason
+        return [{"kind": "hand", "stamp": stamp, "held": hand.is_held, "limit": limit}]
 
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
         """Switch Live; the arm starts at its measured position, not at the goal of the preview."""

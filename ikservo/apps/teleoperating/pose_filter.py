@@ -42,17 +42,14 @@ _IN_PLANE = 0.3  # length of a direction's part in the arm's plane below which i
 MAX_CYCLE_S = 0.05
 """Longest time between two steps for which a goal moves [s]; a longer one counts as this."""
 
-HOLD_S = 0.1
-"""Time without a pose after which the goal stays [s]."""
-
-LAG_S = 0.02
-"""Time by which joints are behind their reference [s]."""
+LAG_S = 0.03
+"""Time by which a joint is behind its goal because of cycles and servos [s]."""
 
 _SINGULAR_M_RAD = 0.04  # the slowest motion of the tip per radian below which the goal slows down
 _SLOWEST = 0.2  # fraction of the speed in a singular posture
 _REACHED_M, _ROUNDING_M = 1e-3, 1e-6
-_MIN_PERIOD_S, _MAX_PERIOD_S = 0.002, 0.1  # between two poses; of a longer pause this counts
-_DUE = 1.5  # periods without a pose after which a hand counts as not moving on
+_MIN_PERIOD_S, _MAX_PERIOD_S = 0.01, 0.1  # between two poses; of a longer pause this counts
+_LATE = 2.0  # periods without a pose after which the goal stays, at most the longest period
 _MEMORY_S = 0.035  # time constant of the estimate of the hand
 _SPEED_MEMORY_S = 0.05  # time constant of the speed of the joints
 
@@ -102,7 +99,7 @@ class _HandEstimate:
 
     def __init__(self, tracked: TrackedPose, time_s: float) -> None:
         self.T = self.last = tracked.T
-        self.time_s, self._period_s = time_s, 0.0
+        self.time_s, self._period_s = time_s, _MIN_PERIOD_S
         self._velocity_m_s, self._turn_rad_s = np.zeros(3), np.zeros(3)
 
     def has_jumped(self, tracked: TrackedPose, time_s: float) -> bool:
@@ -131,11 +128,13 @@ class _HandEstimate:
         self._turn_rad_s = self._turn_rad_s + gain * turn_rad
         self.time_s, self.last = time_s, tracked.T
 
+    def is_late(self, time_s: float) -> bool:
+        """Check whether the next pose should have arrived."""
+        return time_s - self.time_s > min(_LATE * self._period_s, _MAX_PERIOD_S)
+
     def predict(self, time_s: float, lead_s: float) -> Matrix:
         """Compute the pose (4, 4) at a time plus a lead, at most until the next pose is due."""
-        ahead_s = min(max(time_s - self.time_s, 0.0), self._period_s)
-        if time_s - self.time_s <= _DUE * self._period_s:
-            ahead_s += lead_s
+        ahead_s = min(max(time_s - self.time_s, 0.0), self._period_s) + lead_s
         return make_pose(
             self.T[:3, 3] + ahead_s * self._velocity_m_s,
             exp_so3(ahead_s * self._turn_rad_s) @ self.T[:3, :3],
@@ -229,7 +228,7 @@ class PoseFilter:
             self._take(tracked, q, time_s)
         elif self._hand is not None and time_s - self._hand.time_s > DEAD_MAN_TIMEOUT_S:
             self.release()
-        if self._hand is None or time_s - self._hand.time_s > HOLD_S:
+        if self._hand is None or self._hand.is_late(time_s):
             return q
         # The arm can stop at every goal, so it is behind a moving one by its braking distance.
         braking_s = np.abs(self._speed_rad_s) / self._accelerations

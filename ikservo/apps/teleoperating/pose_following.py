@@ -37,7 +37,7 @@ def follow_pose(
     Each control cycle takes the next item: a ``TrackedPose``, a pose (4, 4) of the hand, or None
     for nothing new. The position comes first, then the direction of the tool, then the roll about
     it; what the arm cannot follow is left out. A pose that a hand cannot have reached since the
-    last one moves nothing. The goal stays after 0.1 s without a pose; after 0.3 s, following ends.
+    last one moves nothing. Without poses the goal stays; after 0.3 s, following ends.
 
     ``scale`` is the motion of the tip for that of the hand, 0.25 to 2; ``speed`` is the speed class;
     ``on_progress`` is called with a ``MotionProgress`` in every cycle.

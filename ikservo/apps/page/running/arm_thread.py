@@ -278,9 +278,9 @@ class ArmThread:
         link = self.arm.context.servos.link_statistics()
         self.history.record(self.snapshot, link, self._clock.now_s())
 
-    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+    def on_refused(self, goal: Vector, error: RefusedError, kept: Vector) -> None:
         """Store a refused goal and log why (``CycleObserver``)."""
-        refusal = refusal_of(goal, error)
+        refusal = replace(refusal_of(goal, error), kept=kept)
         self.snapshot = replace(self.snapshot, refusal=refusal)
         self.log_message(refusal.reason)
 

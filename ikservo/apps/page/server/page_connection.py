@@ -17,6 +17,7 @@ from ikservo.apps.page.messages.page_messages import (
     Pointer,
     SetViewport,
     Stop,
+    TrackHand,
     Wheel,
 )
 from ikservo.apps.page.picking.projection import Viewport
@@ -32,7 +33,7 @@ _RATE_HZ = 400.0
 _BURST = 200.0
 _MAX_BAD_MESSAGES = 20
 _MAX_REMEMBERED = 256
-_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad  # the next message replaces it
+_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad | TrackHand  # the next message replaces it
 
 
 class StaleMessageError(BadMessageError):

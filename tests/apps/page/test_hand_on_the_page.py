@@ -1,0 +1,115 @@
+"""A hand moves the goal of the page, and the arm in Live; silence and refusals hold it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ikservo.apps.page.messages import page_messages
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from tests.apps.page.view_session import ViewSession
+from tests.arm.simulated import true_tip_m
+
+STILL = (1.0, 0.0, 0.0, 0.0)
+EVERY = 3  # control cycles between two poses: about 70 Hz
+
+
+@pytest.fixture
+def session():
+    with ViewSession() as opened:
+        yield opened
+
+
+def send(session, shift_m=(0.0, 0.0, 0.0), *, held=True, **fields):
+    position = tuple(1.0 + x for x in shift_m)
+    fields = {"rotation": STILL, **fields}
+    session.send_message(page_messages.TrackHand, position=position, held=held, **fields)
+
+
+def goal_tip_m(session):
+    return session.arm.chain.forward(session.interaction.shown_goal)[:3, 3]
+
+
+def test_hand_moves_the_ghost_of_the_preview_and_no_servo(session):
+    before, ticks = true_tip_m(session.arm), session.ticks()
+    for k in range(60):
+        session.clock.sleep_until(session.clock.now_s() + 0.016)
+        send(session, (0.0, 0.03 * min(1.0, k / 30), 0.0))
+    np.testing.assert_allclose(goal_tip_m(session) - before, (0.0, 0.03, 0.0), atol=3e-3)
+    assert session.ticks() == ticks
+
+
+def test_closing_the_clutch_elsewhere_moves_nothing(session):
+    send(session)
+    before = session.interaction.goal
+    for k in range(20):
+        session.clock.sleep_until(session.clock.now_s() + 0.016)
+        send(session, (0.4 * math.sin(k), 0.3, -0.2), held=False)
+    send(session, (0.2, 0.3, -0.2))
+    np.testing.assert_array_equal(session.interaction.goal, before)
+
+
+def test_arm_follows_the_hand_in_live_and_holds_when_it_is_lost(session):
+    session.enable_live()
+    before, tips = true_tip_m(session.arm), []
+
+    def move(number):
+        tips.append(true_tip_m(session.arm))
+        if number % EVERY == 0 and number < 300:
+            send(session, (0.0, 0.06 * min(1.0, number / 200), 0.0))
+        elif number == 300:
+            send(session, held=False)
+        elif number > 300 and number % EVERY == 0:
+            send(session, (0.5, 0.5, 0.5), held=False)
+
+    session.run(500, move)
+    np.testing.assert_allclose(tips[300] - before, (0.0, 0.06, 0.0), atol=6e-3)
+    assert np.abs(np.array(tips[400:]) - tips[380]).max() < 2e-3
+
+
+def test_arm_stays_above_the_table_and_returns_with_the_hand(session):
+    session.enable_live()
+    seen = []
+
+    def move(number):
+        seen.append((true_tip_m(session.arm)[2], session.interaction.refusal is not None))
+        down_m = 0.4 * min(1.0, number / 400) if number < 500 else 0.4 * max(0.0, 1 - (number - 500) / 400)
+        if number % EVERY == 0:
+            send(session, (0.03, 0.0, -down_m))
+        session.controller.frames(session.client)
+
+    before_m = true_tip_m(session.arm)[2]
+    session.run(1100, move)
+    heights_m = np.array([z for z, _ in seen])
+    assert heights_m.min() > -0.005
+    assert any(refused for _, refused in seen[400:600])
+    assert heights_m[-1] == pytest.approx(before_m, abs=0.02)
+    steps = np.abs(np.diff(np.array(session.goals), axis=0))
+    assert steps.max() < math.radians(2.0)
+
+
+def test_page_says_what_holds_the_hand_back_and_returns_its_stamp(session):
+    session.arm_thread.step()
+    for k in range(60):
+        session.clock.sleep_until(session.clock.now_s() + 0.016)
+        send(session, (0.02 * k, 0.0, 0.0), stamp=100.0 + k)
+    session.clock.sleep_until(session.clock.now_s() + 0.05)
+    session.arm_thread.step()
+    frame = session.latest_frames()["hand"]
+    assert (frame["stamp"], frame["held"]) == (159.0, True)
+    assert frame["limit"]
+    assert session.interaction.marker.gap_m > 0.1
+
+
+def test_stopped_arm_opens_the_clutch(session):
+    send(session)
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    send(session, (0.0, 0.05, 0.0))
+    assert session.interaction.goal is None
+    assert not session.interaction.hand.is_held
+
+
+def test_rotation_that_is_none_is_refused(session):
+    with pytest.raises(BadMessageError):
+        send(session, rotation=(1.0, 1.0, 0.0, 0.0))

@@ -1,0 +1,192 @@
+"""A phone, a controller or a finger on the page moves the tip as a hand holding it would."""
+
+import hashlib
+import shutil
+import statistics
+import subprocess
+import tarfile
+import time
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.page_operator import Operator, apart_mm, attempts, until
+
+pytestmark = pytest.mark.browser
+
+IWER = "iwer-2.5.0"  # an emulator of WebXR, only for these tests
+IWER_SHA256 = "e7eb4efa736c0b52c6917a6ed093f3a287fd7eb59a6d371f6ce857d602f59263"
+INSTALL = """
+window.device = new IWER.XRDevice(IWER.metaQuest3);
+device.installRuntime({ forceInstall: true });
+device.position.set(0, 1.5, 0);
+window.controller = device.controllers.right;
+controller.position.set(0.1, 1.2, -0.3);
+"""
+LATENCY_S = 0.060  # median, from a pose to a register
+PX_M = 0.0005
+NEAR_MM = 4.0
+
+
+@pytest.fixture(scope="session")
+def emulator(tmp_path_factory):
+    """Return the script of the emulator, from npm."""
+    folder = tmp_path_factory.mktemp("iwer")
+    npm = shutil.which("npm")
+    words = [npm or "npm", "pack", IWER.replace("-", "@")]
+    done = npm and subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+    if not done or done.returncode != 0:
+        pytest.skip(f"no {IWER} from npm here")
+    package = folder / f"{IWER}.tgz"
+    assert hashlib.sha256(package.read_bytes()).hexdigest() == IWER_SHA256
+    with tarfile.open(package) as archive:
+        return archive.extractfile("package/build/iwer.min.js").read().decode()
+
+
+@pytest.fixture
+def headset(browser, view, emulator, request):
+    """Return a user with a headset, whose session is on and whose arm is in Live."""
+    context = browser.new_context(viewport={"width": 1100, "height": 720})
+    request.addfinalizer(context.close)
+    context.add_init_script(emulator + INSTALL)
+    operator = Operator(context.new_page(), view).enable_live().until_still()
+    operator.page.click("#hand-show")
+    operator.page.click("#hand-xr")
+    operator.until("document.body.hasAttribute('data-xr')")
+    return operator
+
+
+def opened(live):
+    live.page.click("#hand-show")
+    return live
+
+
+def middle_px(live):
+    box = live.page.locator("#hand-hold").bounding_box()
+    return np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
+
+
+def grab(live, move_px=(0, 0), steps=20):
+    """Press the field, slide and keep holding."""
+    live.page.mouse.move(*middle_px(live))
+    live.page.mouse.down()
+    live.page.mouse.move(*(middle_px(live) + move_px), steps=steps)
+
+
+def test_finger_that_slides_on_the_field_moves_the_tip_by_its_path(live):
+    before_m = live.served.tip_m()
+    grab(opened(live), (-60, -30))
+    live.until_near(live.served.tip_m, before_m + np.array([0.0, 60 * PX_M, 30 * PX_M]), NEAR_MM)
+    expect(live.page.locator("#hand-state")).to_contain_text("ms")
+    live.release()
+    live.until_still()
+    there_m = live.served.tip_m()
+    live.page.mouse.move(*(middle_px(live) + [80, 80]), steps=10)
+    grab(live)  # closing the clutch elsewhere
+    live.until_still()
+    assert apart_mm(live.served.tip_m(), there_m) < 2.0
+    live.release()
+
+
+def test_side_at_which_the_user_stands_turns_the_motion(live):
+    before_m = live.served.tip_m()
+    opened(live).page.click("#hand-sides [value=facing]")
+    grab(live, (-60, 0))
+    live.until_near(live.served.tip_m, before_m + np.array([0.0, -60 * PX_M, 0.0]), NEAR_MM)
+    live.release()
+
+
+def test_gyroscope_turns_the_tool_while_its_tip_stays(live):
+    before, before_m = live.served.joints(), live.served.tip_m()
+    opened(live)
+    turn = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: 0, beta: %s, gamma: 0}))"
+    live.page.evaluate(turn % 60)
+    grab(live)
+    for beta in np.linspace(60.0, 45.0, 20):
+        live.page.evaluate(turn % beta)
+        live.page.wait_for_timeout(30)
+    live.until_still()
+    assert apart_mm(live.served.tip_m(), before_m) < NEAR_MM
+    joints = live.served.joints()
+    pitch = sum(joints[n] - before[n] for n in ("shoulder_lift", "elbow_flex", "wrist_flex"))
+    assert abs(pitch) == pytest.approx(np.radians(15.0), abs=0.05)
+    live.release()
+
+
+def move_controller(operator, shift_m, count=40):
+    """Move the controller along a line, in WebXR's axes: right, up, back."""
+    operator.page.evaluate(
+        """async ([shift, count]) => {
+          const { x, y, z } = controller.position;
+          for (let k = 1; k <= count; k += 1) {
+            controller.position.set(x + (shift[0] * k) / count, y + (shift[1] * k) / count, z + (shift[2] * k) / count);
+            await new Promise((resolve) => setTimeout(resolve, 15));
+          }
+        }""",
+        [list(shift_m), count],
+    )
+
+
+def squeeze(operator, value):
+    operator.page.evaluate(f"controller.updateButtonValue('squeeze', {value})")
+    held = "true" if value else "false"
+    operator.until(f"document.getElementById('hand-hold').hasAttribute('data-held') === {held}")
+
+
+def test_squeezed_controller_of_a_headset_moves_the_tip(headset):
+    served, before_m = headset.served, headset.served.tip_m()
+    move_controller(headset, (0.2, 0.1, 0.0))
+    headset.until_still()
+    assert apart_mm(served.tip_m(), before_m) < 1.0
+    squeeze(headset, 1)
+    move_controller(headset, (-0.03, 0.02, 0.0))
+    headset.until_near(served.tip_m, before_m + np.array([0.0, 0.03, 0.02]), NEAR_MM)
+    squeeze(headset, 0)
+    there_m = served.tip_m()
+    move_controller(headset, (0.1, 0.0, 0.1))
+    headset.until_still()
+    assert apart_mm(served.tip_m(), there_m) < 2.0
+    assert headset.errors == []
+
+
+@pytest.mark.parametrize("lost", ["controller.connected = false", "device.updateVisibilityState('visible-blurred')"])
+def test_arm_holds_when_the_headset_loses_the_hand(headset, lost):
+    served = headset.served
+    squeeze(headset, 1)
+    move_controller(headset, (-0.02, 0.0, 0.0))
+    headset.page.evaluate(lost)
+    headset.until("!document.getElementById('hand-hold').hasAttribute('data-held')")
+    headset.until_still()
+    there_m = served.tip_m()
+    move_controller(headset, (-0.05, 0.0, 0.0))
+    headset.until_still()
+    assert apart_mm(served.tip_m(), there_m) < 1.0
+    assert headset.status["live"]
+
+
+def test_upper_button_of_the_controller_stops_the_arm(headset):
+    headset.page.evaluate("controller.updateButtonValue('b-button', 1)")
+    headset.wait_for("status.mode === 'stopped'")
+
+
+def test_pose_reaches_the_registers_within_60_ms(headset):
+    written_s, took_s = [], []
+    for servo in headset.served.line.world.servos:
+        servo.on_write = lambda _address, _data: written_s.append(time.time())
+    squeeze(headset, 1)
+    for k in range(12):
+        headset.until_still()
+        goals, side = headset.served.goals(), (-1) ** k
+        sent_ms = headset.page.evaluate(
+            f"() => {{ controller.position.x += {0.01 * side}; return Date.now(); }}"
+        )
+        until(lambda goals=goals: headset.served.goals() != goals)
+        took_s.append(first_change_s(headset, written_s, sent_ms))
+    assert statistics.median(took_s) <= LATENCY_S
+
+
+def first_change_s(headset, written_s, sent_ms):
+    return next(at for at in written_s if at > sent_ms / 1000.0) - sent_ms / 1000.0
