@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.page_operator import Operator, apart_mm, attempts, until
+from tests.browser.page_operator import Operator, apart_mm, until
 
 pytestmark = pytest.mark.browser
 
@@ -50,16 +50,16 @@ def emulator(tmp_path_factory):
 
 
 @pytest.fixture
-def headset(browser, view, emulator, request):
+def headset(browser, view, emulator):
     """Return a user with a headset, whose session is on and whose arm is in Live."""
     context = browser.new_context(viewport={"width": 1100, "height": 720})
-    request.addfinalizer(context.close)
     context.add_init_script(emulator + INSTALL)
     operator = Operator(context.new_page(), view).enable_live().until_still()
     operator.page.click("#hand-show")
     operator.page.click("#hand-xr")
     operator.until("document.body.hasAttribute('data-xr')")
-    return operator
+    yield operator
+    context.close()
 
 
 def opened(live):
@@ -88,7 +88,7 @@ def test_finger_that_slides_on_the_field_moves_the_tip_by_its_path(live):
     live.release()
     live.until_still()
     there_m = live.served.tip_m()
-    live.page.mouse.move(*(middle_px(live) + [80, 80]), steps=10)
+    live.page.mouse.move(*(middle_px(live) + np.array([80, 80])), steps=10)
     grab(live)  # closing the clutch elsewhere
     live.until_still()
     assert apart_mm(live.served.tip_m(), there_m) < 2.0
@@ -106,7 +106,8 @@ def test_side_at_which_the_user_stands_turns_the_motion(live):
 def test_gyroscope_turns_the_tool_while_its_tip_stays(live):
     before, before_m = live.served.joints(), live.served.tip_m()
     opened(live)
-    turn = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: 0, beta: %s, gamma: 0}))"
+    event = "new DeviceOrientationEvent('deviceorientation', {alpha: 0, beta: %s, gamma: 0})"
+    turn = f"dispatchEvent({event})"
     live.page.evaluate(turn % 60)
     grab(live)
     for beta in np.linspace(60.0, 45.0, 20):
@@ -124,9 +125,10 @@ def move_controller(operator, shift_m, count=40):
     """Move the controller along a line, in WebXR's axes: right, up, back."""
     operator.page.evaluate(
         """async ([shift, count]) => {
-          const { x, y, z } = controller.position;
-          for (let k = 1; k <= count; k += 1) {
-            controller.position.set(x + (shift[0] * k) / count, y + (shift[1] * k) / count, z + (shift[2] * k) / count);
+          const at = controller.position;
+          for (let k = 0; k < count; k += 1) {
+            const [x, y, z] = shift.map((each) => each / count);
+            at.set(at.x + x, at.y + y, at.z + z);
             await new Promise((resolve) => setTimeout(resolve, 15));
           }
         }""",

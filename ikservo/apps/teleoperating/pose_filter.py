@@ -76,7 +76,9 @@ class TrackedPose:
         T = finite_array(self.pose, (4, 4), "The tracked pose").copy()
         R = T[:3, :3]
         if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_ERROR or np.linalg.det(R) < 0.0:
-            raise BadValueError("The rotation of the tracked pose", "invalid", "R Rᵀ = 1, det R = 1")
+            raise BadValueError(
+                "The rotation of the tracked pose", "invalid", "R Rᵀ = 1, det R = 1"
+            )
         check_flag("held", self.held)
         if self.opening is not None and not 0.0 <= parse_number("opening", self.opening) <= 1.0:
             raise BadValueError("opening", shown(self.opening), "a number from 0 to 1")
@@ -84,7 +86,7 @@ class TrackedPose:
         freeze_arrays(self)
 
     @property
-    def T(self) -> Matrix:
+    def matrix(self) -> Matrix:
         """The pose T_source_hand (4, 4) as an array."""
         return np.asarray(self.pose)
 
@@ -98,15 +100,15 @@ class _HandEstimate:
     """
 
     def __init__(self, tracked: TrackedPose, time_s: float) -> None:
-        self.T = self.last = tracked.T
+        self.T = self.last = tracked.matrix
         self.time_s, self._period_s = time_s, _MIN_PERIOD_S
         self._velocity_m_s, self._turn_rad_s = np.zeros(3), np.zeros(3)
 
     def has_jumped(self, tracked: TrackedPose, time_s: float) -> bool:
         """Check whether a pose is further from the last one than a hand can move meanwhile."""
         since_s = min(time_s - self.time_s, _MAX_PERIOD_S)
-        distance_m = float(np.linalg.norm(tracked.T[:3, 3] - self.last[:3, 3]))
-        angle_rad = float(np.linalg.norm(log_so3(tracked.T[:3, :3] @ self.last[:3, :3].T)))
+        distance_m = float(np.linalg.norm(tracked.matrix[:3, 3] - self.last[:3, 3]))
+        angle_rad = float(np.linalg.norm(log_so3(tracked.matrix[:3, :3] @ self.last[:3, :3].T)))
         return (
             distance_m > _JUMP_M + _JUMP_M_S * since_s
             or angle_rad > _JUMP_RAD + _JUMP_RAD_S * since_s
@@ -117,8 +119,8 @@ class _HandEstimate:
         self._period_s = min(max(time_s - self.time_s, _MIN_PERIOD_S), _MAX_PERIOD_S)
         predicted = self.predict(time_s, 0.0)
         kept = math.exp(-self._period_s / _MEMORY_S)
-        shift_m = tracked.T[:3, 3] - predicted[:3, 3]
-        turn_rad = log_so3(tracked.T[:3, :3] @ predicted[:3, :3].T)
+        shift_m = tracked.matrix[:3, 3] - predicted[:3, 3]
+        turn_rad = log_so3(tracked.matrix[:3, :3] @ predicted[:3, :3].T)
         self.T = make_pose(
             predicted[:3, 3] + (1.0 - kept**2) * shift_m,
             exp_so3((1.0 - kept**2) * turn_rad) @ predicted[:3, :3],
@@ -126,7 +128,7 @@ class _HandEstimate:
         gain = (1.0 - kept) ** 2 / self._period_s
         self._velocity_m_s = self._velocity_m_s + gain * shift_m
         self._turn_rad_s = self._turn_rad_s + gain * turn_rad
-        self.time_s, self.last = time_s, tracked.T
+        self.time_s, self.last = time_s, tracked.matrix
 
     def is_late(self, time_s: float) -> bool:
         """Check whether the next pose should have arrived."""
@@ -256,7 +258,7 @@ class PoseFilter:
         elif self._hand is None or self._hand.has_jumped(tracked, time_s):
             self.limit = "" if self._hand is None else "jump"
             T = self._chain.forward(q)
-            self._hand, self._latched = _HandEstimate(tracked, time_s), (tracked.T, T)
+            self._hand, self._latched = _HandEstimate(tracked, time_s), (tracked.matrix, T)
             self._turn, self._solution = T[:3, :3], q
             self._speed_rad_s = np.zeros(self._chain.dof)
         else:
@@ -322,7 +324,7 @@ class PoseFilter:
         return self._chain.clip(q + step)
 
     def _mobility(self, q: Vector) -> float:
-        """Return the motion of the tip per radian in its worst direction at joints (dof,), m/rad."""
+        """Return the slowest motion of the tip per radian [m/rad] at joints (dof,)."""
         sizes = np.linalg.svd(self._chain.jacobian(q)[:3], compute_uv=False)
         return float(sizes[self._moves - 1])
 

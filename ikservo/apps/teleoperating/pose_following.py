@@ -20,7 +20,6 @@ from ikservo.model.tool import tool_frame
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, MotionProgress, OnProgress
 
-
 JERK_FACTOR = 8.0
 
 
@@ -39,8 +38,8 @@ def follow_pose(
     it; what the arm cannot follow is left out. A pose that a hand cannot have reached since the
     last one moves nothing. Without poses the goal stays; after 0.3 s, following ends.
 
-    ``scale`` is the motion of the tip for that of the hand, 0.25 to 2; ``speed`` is the speed class;
-    ``on_progress`` is called with a ``MotionProgress`` in every cycle.
+    ``scale`` is the motion of the tip for that of the hand, 0.25 to 2; ``speed`` is the speed
+    class; ``on_progress`` is called with a ``MotionProgress`` in every cycle.
 
     Raises:
         BadValueError: The scale is out of its range, or an item is not a pose.
@@ -51,7 +50,9 @@ def follow_pose(
     check_iterable("The stream of poses", poses, "an iterable of poses")
     own = require_own_port(arm)
     source = _PoseGoals(own.context, iter(poses), scale, speed, on_progress)
-    result = follow_targets(own, source.goals(), speed, source.on_progress, source.on_refused, JERK_FACTOR)
+    result = follow_targets(
+        own, source.goals(), speed, source.on_progress, source.on_refused, JERK_FACTOR
+    )
     ended = source.ended or result.ended.replace("target", "pose")
     return replace(result, ended=ended, unreached=source.unreached)
 

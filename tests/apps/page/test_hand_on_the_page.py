@@ -73,7 +73,11 @@ def test_arm_stays_above_the_table_and_returns_with_the_hand(session):
 
     def move(number):
         seen.append((true_tip_m(session.arm)[2], session.interaction.refusal is not None))
-        down_m = 0.4 * min(1.0, number / 400) if number < 500 else 0.4 * max(0.0, 1 - (number - 500) / 400)
+        down_m = (
+            0.4 * min(1.0, number / 400)
+            if number < 500
+            else 0.4 * max(0.0, 1 - (number - 500) / 400)
+        )
         if number % EVERY == 0:
             send(session, (0.03, 0.0, -down_m))
         session.controller.frames(session.client)

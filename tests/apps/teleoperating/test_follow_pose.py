@@ -17,7 +17,9 @@ from tests.journeys.command_arguments import usual_target_m
 from tests.oracle import tip_from_joints
 
 ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
-START_M = {"wx250s": (0.36, 0.03, 0.25)}  # where its slow first joint is fast enough
+# Starts away from the limits of wrists, and where a slow first joint is fast enough.
+START_RAD = {"koch": {"shoulder_lift": -0.08, "elbow_flex": 0.38, "wrist_flex": 1.11}}
+START_M = {"wx250s": (0.36, 0.03, 0.25)}
 RATE_HZ = 60.0
 MAX_STEP_RAD = math.radians(2.0)
 HOLDS_S = 0.3
@@ -42,7 +44,10 @@ class Session:
 
     def __enter__(self):
         self.arm.__enter__()
-        self.arm.move_to(START_M.get(self.name, usual_target_m(self.name)), speed="fast")
+        if self.name in START_RAD:
+            self.arm.move_joints(START_RAD[self.name], speed="fast")
+        else:
+            self.arm.move_to(START_M.get(self.name, usual_target_m(self.name)), speed="fast")
         self.auditor = Auditor(self.arm)
         self.speeds = np.array([m.speed_rad_s for m in motion_limits(self.arm, "fast")])
         return self
@@ -73,7 +78,9 @@ class Session:
         """Check that no goal left the limits, and no joint was faster than its speed."""
         assert self.auditor.faults() == []
         elapsed_s = np.diff(self.time_s)[:, None]
-        assert (np.abs(np.diff(self.reference, axis=0)) <= 1.02 * self.speeds * elapsed_s + 1e-6).all()
+        assert (
+            np.abs(np.diff(self.reference, axis=0)) <= 1.02 * self.speeds * elapsed_s + 1e-6
+        ).all()
         lower, upper = self.arm.limits()
         assert (self.reference >= lower - 1e-6).all()
         assert (self.reference <= upper + 1e-6).all()
@@ -82,7 +89,9 @@ class Session:
         """Return the largest speed of a reference in a span of time."""
         span = (self.time_s >= since_s) & (self.time_s <= until_s)
         return float(
-            np.abs(np.diff(self.reference[span], axis=0) / np.diff(self.time_s[span])[:, None]).max()
+            np.abs(
+                np.diff(self.reference[span], axis=0) / np.diff(self.time_s[span])[:, None]
+            ).max()
         )
 
 
@@ -213,7 +222,9 @@ def test_no_motion_of_a_hand_leads_goals_out_of_their_limits(session, seed, rate
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
 def test_hand_below_the_table_moves_along_above_it_and_returns(session):
     def tracked(time_s):
-        down_m = 0.4 * min(1.0, time_s / 2.0) if time_s < 3.0 else max(0.0, 0.4 - 0.3 * (time_s - 3.0))
+        down_m = (
+            0.4 * min(1.0, time_s / 2.0) if time_s < 3.0 else max(0.0, 0.4 - 0.3 * (time_s - 3.0))
+        )
         return at((0.0, 0.0, -down_m))
 
     result = session.follow(tracked, 5.5)
@@ -239,7 +250,7 @@ def test_invalid_pose_brakes_the_arm_and_is_raised(session):
     with pytest.raises(BadValueError):
         session.follow(tracked, 1.0)
     assert all(registers(session.arm, "torque_enable").values())
-    session.arm.move_to(START_M.get(session.name, usual_target_m(session.name)))
+    session.arm.move_to(usual_target_m(session.name))
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
