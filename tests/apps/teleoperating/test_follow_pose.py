@@ -169,7 +169,7 @@ def lost(hand, _late_s):
 
 
 def jumped(hand, late_s, size_m=0.5, turn_rad=0.0):
-    """Return a pose that jumps to and fro five times a second."""
+    """Return a pose that jumps back and forth five times a second."""
     T = hand.pose(ERROR_S)
     if int(late_s * 5.0) % 2 == 0:
         T[:3, 3] += size_m
