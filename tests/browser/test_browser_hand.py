@@ -12,6 +12,7 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.browser.page_operator import Operator, apart_mm, until
+from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
 
@@ -101,6 +102,50 @@ def test_side_at_which_the_user_stands_turns_the_motion(live):
     grab(live, (-60, 0))
     live.until_near(live.served.tip_m, before_m + np.array([0.0, -60 * PX_M, 0.0]), NEAR_MM)
     live.release()
+
+
+@pytest.fixture
+def phone(visit):
+    """Return a user with a phone, whose arm is in Live."""
+    operator = visit(has_touch=True, is_mobile=True, device_scale_factor=2)
+    operator.page.set_viewport_size({"width": 390, "height": 844})
+    return opened(operator.enable_live().until_still())
+
+
+def test_second_finger_on_a_phone_moves_the_tip_forward(phone):
+    before_m, (x, y) = phone.served.tip_m(), middle_px(phone).tolist()
+    touch = phone.page.context.new_cdp_session(phone.page)
+
+    def send(kind, *points):
+        fingers = [{"x": px, "y": py, "id": number} for number, (px, py) in enumerate(points)]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+
+    send("touchStart", (x - 60, y))
+    phone.until(HELD % "true")
+    send("touchStart", (x - 60, y), (x + 60, y + 40))
+    for k in range(11):
+        send("touchMove", (x - 60, y), (x + 60, y + 40 - 6 * k))
+        phone.page.wait_for_timeout(30)
+    phone.until_near(phone.served.tip_m, before_m + np.array([60 * PX_M, 0.0, 0.0]), NEAR_MM)
+    send("touchEnd")
+    phone.until(HELD % "false")
+    for scheme in ("light", "dark"):
+        phone.page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        assert phone.page.evaluate(CONTRAST) == []
+    assert phone.page.evaluate(SMALL, 24) == []
+    assert all(phone.page.evaluate(NAMES))
+
+
+HIDE = """for (const [name, value] of [["hidden", true], ["visibilityState", "hidden"]])
+  Object.defineProperty(document, name, { get: () => value });
+document.dispatchEvent(new Event("visibilitychange"));"""
+
+
+def test_hidden_page_opens_the_clutch_and_ends_live(live):
+    grab(opened(live), (-40, 0))
+    live.page.evaluate(HIDE)
+    live.wait_for("!status.live").until(HELD % "false")
+    live.until_still()
 
 
 def test_gyroscope_turns_the_tool_while_its_tip_stays(live):
