@@ -42,11 +42,15 @@ _IN_PLANE = 0.3  # length of a direction's part in the arm's plane below which i
 MAX_CYCLE_S = 0.05
 """Longest time between two steps for which a goal moves [s]; a longer one counts as this."""
 
+TABLE = "the table"
+"""Name of the table in the pair of a ``CollisionError``."""
+
 LAG_S = 0.03
 """Time by which a joint is behind its goal because of cycles and servos [s]."""
 
 _SINGULAR_M_RAD = 0.04  # the slowest motion of the tip per radian below which the goal slows down
 _SLOWEST = 0.2  # fraction of the speed in a singular posture
+_LIFT_M = 0.001  # between two goals that are refused because of the table
 _REACHED_M, _ROUNDING_M = 1e-3, 1e-6
 _MIN_PERIOD_S, _MAX_PERIOD_S = 0.01, 0.1  # between two poses; of a longer pause this counts
 _LATE = 2.0  # periods without a pose after which the goal stays, at most the longest period
@@ -164,7 +168,7 @@ class PoseFilter:
     Attributes:
         wanted: The wanted pose T_base_tip (4, 4); None while the clutch is open.
         limit: What keeps the goal from the wanted pose: a joint at its limit, ``reach``,
-            ``singular``, ``speed``, ``turn`` or ``jump``; empty if nothing does.
+            ``singular``, ``speed``, ``turn``, ``the table`` or ``jump``; empty if nothing does.
         is_out_of_reach: Whether the wanted position is out of reach.
 
     Raises:
@@ -215,6 +219,18 @@ class PoseFilter:
     def release(self) -> None:
         """Open the clutch; the next pose latches the references again."""
         self._hand = self.wanted = None
+        self._floor_m = -math.inf  # the tip stays above it until the hand is higher
+
+    def on_rejected(self, pair: Sequence[str], kept: Vector) -> None:
+        """Slide along the table if a goal was refused because of it.
+
+        Args:
+            pair: The parts that would touch, see ``CollisionError``; empty without a contact.
+            kept: The last goal (dof,) that was accepted, from which the next step must start.
+        """
+        if TABLE in pair:
+            kept_m = float(self._chain.forward(kept)[2, 3])
+            self._floor_m = max(self._floor_m, kept_m) + _LIFT_M
 
     def step(self, tracked: TrackedPose | None, q: Vector, time_s: float) -> Vector:
         """Return the next goal (dof,) of the chain; its difference from the last one is bounded.
@@ -237,6 +253,10 @@ class PoseFilter:
         lead_s = LAG_S + 0.5 * float(braking_s.max(initial=0.0))
         self.wanted = self._tip_pose(self._hand.predict(time_s, 0.0))
         ahead = self._tip_pose(self._hand.predict(time_s, lead_s))
+        if self.wanted[2, 3] > self._floor_m:
+            self._floor_m = -math.inf
+        elif ahead[2, 3] < self._floor_m:
+            ahead[2, 3], self.limit = self._floor_m, self.limit or TABLE
         moved = self._approach(ahead, q, elapsed_s)
         if elapsed_s > 0.0:
             weight = 1.0 - math.exp(-elapsed_s / _SPEED_MEMORY_S)

@@ -13,7 +13,7 @@ from ikservo.arguments import check_callable, check_iterable
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.following import follow_targets
 from ikservo.arm.opening import require_own_port
-from ikservo.errors import RefusedError
+from ikservo.errors import CollisionError, RefusedError
 from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.tool import tool_frame
@@ -90,9 +90,11 @@ class _PoseGoals:
         if self._report:
             self._report(progress)
 
-    def on_refused(self, _error: RefusedError, kept: Vector) -> None:
+    def on_refused(self, error: RefusedError, kept: Vector) -> None:
         """Continue from the goal (n,) that the arm kept."""
         self._goal = kept.copy()
+        pair = error.pair if isinstance(error, CollisionError) else ()
+        self._filter.on_rejected(pair, self._index.chain_joints(kept))
 
     def goals(self) -> Iterator[dict[str, float]]:
         """Yield the goal of all joints in each cycle, until there are no more poses."""

@@ -67,29 +67,26 @@ def test_arm_follows_the_hand_in_live_and_holds_when_it_is_lost(session):
     assert np.abs(np.array(tips[400:]) - tips[380]).max() < 2e-3
 
 
-def test_arm_stays_above_the_table_and_returns_with_the_hand(session):
+def test_arm_slides_along_the_table_and_returns_with_the_hand(session):
     session.enable_live()
     seen = []
 
     def move(number):
-        seen.append((true_tip_m(session.arm)[2], session.interaction.refusal is not None))
-        down_m = (
-            0.4 * min(1.0, number / 400)
-            if number < 500
-            else 0.4 * max(0.0, 1 - (number - 500) / 400)
-        )
+        seen.append((*true_tip_m(session.arm), session.interaction.refusal is not None))
+        down_m = np.interp(number, (0, 300, 700, 1000), (0.0, 0.3, 0.3, 0.0))
+        aside_m = np.interp(number, (400, 650, 700, 1000), (0.0, 0.05, 0.05, 0.0))
         if number % EVERY == 0:
-            send(session, (0.03, 0.0, -down_m))
+            send(session, (0.03, float(aside_m), -float(down_m)))
         session.controller.frames(session.client)
 
-    before_m = true_tip_m(session.arm)[2]
-    session.run(1100, move)
-    heights_m = np.array([z for z, _ in seen])
-    assert heights_m.min() > -0.005
-    assert any(refused for _, refused in seen[400:600])
-    assert heights_m[-1] == pytest.approx(before_m, abs=0.02)
-    steps = np.abs(np.diff(np.array(session.goals), axis=0))
-    assert steps.max() < math.radians(2.0)
+    session.run(1150, move)
+    tips_m, refused = np.array(seen)[:, :3], np.array(seen)[:, 3]
+    assert tips_m[:, 2].min() > -0.005
+    assert refused[:700].any()
+    assert tips_m[690, 1] - tips_m[0, 1] == pytest.approx(0.05, abs=0.01)
+    assert tips_m[690, 2] < 0.05
+    np.testing.assert_allclose(tips_m[-1], tips_m[0], atol=0.015)
+    assert np.abs(np.diff(np.array(session.goals), axis=0)).max() < math.radians(2.0)
 
 
 def test_page_says_what_holds_the_hand_back_and_returns_its_stamp(session):

@@ -221,18 +221,21 @@ def test_no_motion_of_a_hand_leads_goals_out_of_their_limits(session, seed, rate
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_hand_below_the_table_moves_along_above_it_and_returns(session):
+def test_hand_below_the_table_slides_along_it_and_returns(session):
     def tracked(time_s):
-        down_m = (
-            0.4 * min(1.0, time_s / 2.0) if time_s < 3.0 else max(0.0, 0.4 - 0.3 * (time_s - 3.0))
-        )
-        return at((0.0, 0.0, -down_m))
+        down_m = np.interp(time_s, (0.0, 1.5, 3.5, 5.0), (0.0, 0.3, 0.3, 0.0))
+        aside_m = np.interp(time_s, (2.0, 3.0, 3.5, 4.0), (0.0, 0.06, 0.06, 0.0))
+        return at((0.0, aside_m, -down_m))
 
-    result = session.follow(tracked, 5.5)
+    result = session.follow(tracked, 6.0)
     session.check()
-    assert result.refused > 10
+    before_m, shift_m = session.tip_m[0], session.tip_m - session.tip_m[0]
+    below = (session.time_s > 2.0) & (session.time_s < 3.5)
+    assert result.refused > 0
     assert session.tip_m[:, 2].min() > -0.005
-    np.testing.assert_allclose(session.tip_m[-1], session.tip_m[0], atol=0.01)
+    assert session.tip_m[below, 2].max() < min(0.05, before_m[2] - 0.02)
+    assert shift_m[session.time_s < 3.45][-1][1] == pytest.approx(0.06, abs=0.01)
+    np.testing.assert_allclose(session.tip_m[-1], before_m, atol=0.01)
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)

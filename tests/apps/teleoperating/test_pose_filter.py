@@ -13,6 +13,7 @@ from ikservo.model.tool import tool_frame
 from ikservo.motion import KinematicLimits
 from tests.apps.teleoperating.hands import AWAY_M, Hand
 from tests.journeys.command_arguments import usual_target_m
+from tests.oracle import ARMS as ALL_ARMS
 
 ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 CYCLE_S = 0.01
@@ -123,6 +124,19 @@ def test_goal_steps_are_bounded_for_any_motion_and_clutch(name, seed):
         tracked = hand.tracked(follower.time_s, held=cycle // 40 % 3 != 2)
         follower.step(tracked if random.random() < 0.6 else None)
         assert follower.steps[-1] <= LIMITS.speed_rad_s * CYCLE_S + 1e-9
+
+
+@pytest.mark.sample(4)
+@pytest.mark.parametrize("name", ALL_ARMS)
+def test_every_arm_follows_a_slow_hand_as_far_as_it_can(name):
+    follower, hand = Follower(name), Hand(7, span_m=0.02, span_rad=0.2)
+    wanted = follower.tip()[:3, 3] - hand.state(0.0)[:3]
+    for _ in range(300):
+        follower.step(hand.tracked(follower.time_s + CYCLE_S))
+    shown = follower.filter.is_out_of_reach or follower.filter.limit
+    wanted = wanted + hand.state(follower.time_s)[:3]
+    near = np.linalg.norm(follower.tip()[:3, 3] - wanted) < 0.02
+    assert near or shown
 
 
 @every_arm

@@ -64,6 +64,8 @@ class HandControl:
         if refusal is not None and refusal.kept is not None:
             is_new = self.is_held and refusal is not self._refusal
             goal = refusal.kept if is_new or refusal.goal is goal else goal
+            if is_new:
+                pose_filter.on_rejected(refusal.pair, index.chain_joints(refusal.kept))
         self._refusal, self.is_held = refusal, message.held
         q = pose_filter.step(tracked, index.chain_joints(goal), now_s)
         self.limit = pose_filter.limit
