@@ -81,7 +81,7 @@ def grab(live, move_px=(0, 0), steps=20):
     live.page.mouse.move(*(middle_px(live) + move_px), steps=steps)
 
 
-def test_finger_that_slides_on_the_field_moves_the_tip_by_its_path(live):
+def test_finger_sliding_on_the_field_moves_the_tip(live):
     before_m = live.served.tip_m()
     grab(opened(live), (-60, -30))
     live.until_near(live.served.tip_m, before_m + np.array([0.0, 60 * PX_M, 30 * PX_M]), NEAR_MM)

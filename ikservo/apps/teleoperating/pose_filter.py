@@ -167,8 +167,8 @@ class PoseFilter:
 
     Attributes:
         wanted: The wanted pose T_base_tip (4, 4); None while the clutch is open.
-        limit: What keeps the goal from the wanted pose: a joint at its limit, ``reach``,
-            ``singular``, ``speed``, ``turn``, ``the table`` or ``jump``; empty if nothing does.
+        limit: Reason why the goal is not at the wanted pose: a joint at its limit, ``reach``,
+            ``singular``, ``speed``, ``turn``, ``the table`` or ``jump``; empty if it is.
         is_out_of_reach: Whether the wanted position is out of reach.
 
     Raises:

@@ -98,13 +98,13 @@ class _PoseGoals:
 
     def goals(self) -> Iterator[dict[str, float]]:
         """Yield the goal of all joints in each cycle, until there are no more poses."""
-        cycle_s = heard_s = self._context.now_s()
+        cycle_s = newest_s = self._context.now_s()
         for item in self._poses:
             tracked = item if item is None or isinstance(item, TrackedPose) else TrackedPose(item)
             before_s, cycle_s = cycle_s, self._context.now_s()
             if tracked is not None:
-                heard_s, self._opening = cycle_s, tracked.opening
-            elif cycle_s - heard_s > DEAD_MAN_TIMEOUT_S:
+                newest_s, self._opening = cycle_s, tracked.opening
+            elif cycle_s - newest_s > DEAD_MAN_TIMEOUT_S:
                 self.ended = f"no pose for {DEAD_MAN_TIMEOUT_S} s"
                 return
             q = self._filter.step(tracked, self._index.chain_joints(self._goal), cycle_s)

@@ -89,7 +89,7 @@ def test_arm_slides_along_the_table_and_returns_with_the_hand(session):
     assert np.abs(np.diff(np.array(session.goals), axis=0)).max() < math.radians(2.0)
 
 
-def test_page_says_what_holds_the_hand_back_and_returns_its_stamp(session):
+def test_page_says_what_holds_the_hand_back(session):
     session.arm_thread.step()
     for k in range(60):
         session.clock.sleep_until(session.clock.now_s() + 0.016)

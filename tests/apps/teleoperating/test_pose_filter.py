@@ -205,7 +205,7 @@ def test_wrist_at_its_limit_does_not_turn_back_the_long_way():
     assert np.abs(np.diff(rolled)).sum() < 1.02 * np.ptp(rolled)
 
 
-def test_noise_of_a_tracker_moves_a_resting_tip_less_than_the_noise():
+def test_noise_of_a_tracker_moves_a_resting_tip_little():
     follower = Follower("so101")
     hand = Hand(3, span_m=0.0, span_rad=0.0, noise_m=0.001, noise_rad=0.003)
     tips = []

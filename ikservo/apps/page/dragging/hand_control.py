@@ -26,7 +26,7 @@ class HandControl:
 
     Attributes:
         is_held: Whether the clutch is closed.
-        limit: What keeps the goal from the hand; empty if nothing does.
+        limit: Reason why the goal is not where the hand wants it; empty if it is.
     """
 
     def __init__(self, arm: Arm) -> None:
