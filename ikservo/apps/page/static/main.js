@@ -52,6 +52,7 @@ const connection = new Connection(key, {
     plots.setArm(message);
     poses.setArm(message);
     servos.setArm(message);
+    $("hand-gripper").hidden = !message.gripper;
     sendViewport();
   },
   program(message) { program.setProgram(message); },
