@@ -20,7 +20,6 @@ from ikservo.arguments import check_flag, parse_number
 from ikservo.errors import BadValueError, shown
 from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Options, Solver
-from ikservo.ik.branch_tracking import BranchMemory
 from ikservo.kinematics import Chain, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.conditioning import conditioning, ordinary_postures
@@ -51,7 +50,9 @@ LAG_S = 0.03
 _SINGULAR_M_RAD = 0.04  # the slowest motion of the tip per radian below which the goal slows down
 _SLOWEST = 0.2  # fraction of the speed in a singular posture
 _LIFT_M = 0.001  # between two goals that are refused because of the table
-_REACHED_M, _ROUNDING_M = 1e-3, 1e-6
+_REACHED_M = 2e-3
+_FAR_M = 0.1  # a target further away counts as this
+_TURN_WEIGHT_M_RAD = 0.01  # 1 mm of the position counts like 6° of the orientation
 _MIN_PERIOD_S, _MAX_PERIOD_S = 0.01, 0.1  # between two poses; of a longer pause this counts
 _LATE = 2.0  # periods without a pose after which the goal stays, at most the longest period
 _MEMORY_S = 0.035  # time constant of the estimate of the hand
@@ -193,8 +194,10 @@ class PoseFilter:
         mobility = conditioning(chain, ordinary_postures(chain.dof)[0])
         self._moves = len(mobility.moves_m_rad)
         self._rolls = len(mobility.turns_rad_rad) > 1
-        self._solver = Solver(chain, "pose", options=Options(position_first=True))
-        self._side = BranchMemory(chain.dof)
+        # A strict priority of the position would turn the tool for a fraction of a millimetre at the
+        # edge of the reach, and stretch the arm until it could bend to either side.
+        options = Options(position_first=False, turn_weight_m_rad=_TURN_WEIGHT_M_RAD)
+        self._solver = Solver(chain, "pose", options=options)
         self._hand: _HandEstimate | None = None  # None while the clutch is open
         self._latched: tuple[Matrix, Matrix] = np.eye(4), np.eye(4)  # T_source_hand, T_base_tip
         self._turn: Matrix = np.eye(3)  # the last wanted orientation that is followed
@@ -287,28 +290,21 @@ class PoseFilter:
     def _approach(self, wanted: Matrix, q: Vector, elapsed_s: float) -> Vector:
         """Return the goal (dof,) after a step from q (dof,) towards a pose (4, 4)."""
         before = self._solution  # not q, which may lag: the solver continues its own branch
-        R = self._chain.forward(before)[:3, :3]
+        T = self._chain.forward(before)
+        R = T[:3, :3]
         turned = self._reachable(wanted[:3, :3], before, R)
         if turned is not None and np.linalg.norm(log_so3(turned @ R.T)) <= _MAX_TURN_RAD:
             self._turn = wanted[:3, :3]
         else:
             self.limit = self.limit or "turn"
             turned = self._reachable(self._turn, before, R)
-        target = make_pose(wanted[:3, 3], R if turned is None else turned)
-        found, error_m = self._solve(target, before)
-        if self._side.is_beyond_reach(before):  # bend back to the side from which it came
-            bent, bent_error_m = self._solve(target, self._side.start_joints())
-            if bent_error_m <= error_m + _ROUNDING_M:
-                found, error_m = bent, bent_error_m
-        self.is_out_of_reach = error_m > _REACHED_M
-        self._side.update(before, found, reached=not self.is_out_of_reach)
-        self._solution = found
-        return self._bounded(found, q, elapsed_s)
-
-    def _solve(self, target: Matrix, start: Vector) -> tuple[Vector, float]:
-        """Return joints (dof,) for a pose (4, 4), and the error of their position in metres."""
-        q, _ = self._solver.track(target, start)
-        return q, self._solver.result.position_error_m
+        # A target far out of reach would count more than the orientation.
+        shift_m = wanted[:3, 3] - T[:3, 3]
+        shift_m *= min(1.0, _FAR_M / max(float(np.linalg.norm(shift_m)), _FAR_M))
+        target = make_pose(T[:3, 3] + shift_m, R if turned is None else turned)
+        self._solution, _ = self._solver.track(target, before)
+        self.is_out_of_reach = self._solver.result.position_error_m > _REACHED_M
+        return self._bounded(self._solution, q, elapsed_s)
 
     def _reachable(self, R_wanted: Matrix, q: Vector, R: Matrix) -> Matrix | None:
         """Return the orientation (3, 3) nearest to a wanted one that the arm can have at q (dof,).
