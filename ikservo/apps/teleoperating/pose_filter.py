@@ -194,8 +194,8 @@ class PoseFilter:
         mobility = conditioning(chain, ordinary_postures(chain.dof)[0])
         self._moves = len(mobility.moves_m_rad)
         self._rolls = len(mobility.turns_rad_rad) > 1
-        # A strict priority of the position would turn the tool for a fraction of a millimetre at the
-        # edge of the reach, and stretch the arm until it could bend to either side.
+        # At the edge of the reach, a strict priority of the position would turn the tool for a
+        # fraction of a millimetre, and stretch the arm until it could bend to either side.
         options = Options(position_first=False, turn_weight_m_rad=_TURN_WEIGHT_M_RAD)
         self._solver = Solver(chain, "pose", options=options)
         self._hand: _HandEstimate | None = None  # None while the clutch is open
