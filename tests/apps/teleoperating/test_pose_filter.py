@@ -18,6 +18,7 @@ from tests.oracle import ARMS as ALL_ARMS
 ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 CYCLE_S = 0.01
 LIMITS = KinematicLimits(1.5, 8.0, 80.0)
+SINGULAR_M_RAD = 0.04  # the motion of the tip per radian below which the goal slows down
 FINISH = 400  # cycles in which a resting hand is reached
 
 every_arm = pytest.mark.parametrize("name", ARMS)
@@ -165,6 +166,20 @@ def test_clutch_closed_again_out_of_reach_moves_at_once(name):
     follower.hold(hand_at(), 2)
     follower.hold(hand_at((-0.03, 0.0, 0.0)))
     np.testing.assert_allclose(follower.tip()[:3, 3] - before, (-0.03, 0.0, 0.0), atol=2e-3)
+
+
+@every_arm
+def test_goal_slows_down_near_a_singular_posture(name):
+    """The tip is pulled to the edge of the reach, where the stretched arm is nearly singular."""
+    follower, slowed = Follower(name), []
+    follower.hold(hand_at(), 2)
+    for k in range(400):
+        moved = 0.5 * min(1.0, k / 100)
+        sizes = np.linalg.svd(follower.chain.jacobian(follower.q)[:3], compute_uv=False)
+        slowed.append(min(1.0, max(0.2, sizes[-1] / SINGULAR_M_RAD)))
+        follower.step(TrackedPose(hand_at((moved, 0.3 * math.sin(0.1 * k), 0.0))))
+        assert follower.steps[-1] <= LIMITS.speed_rad_s * CYCLE_S * slowed[-1] + 1e-9
+    assert min(slowed) < 0.8
 
 
 @every_arm
