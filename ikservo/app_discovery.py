@@ -94,7 +94,9 @@ def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
     """
     found = offered_part(name)
     if found is None:
-        raise InputError(f"{name} needs an app that is not installed.", "Install all of ikservo.")
+        raise InputError(
+            f"{name} needs an app that is not installed.", "Reinstall ikservo with all its apps."
+        )
     return found
 
 

@@ -117,7 +117,7 @@ def parse_number(what: str, value: object) -> float:
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, shown(cast("object", value)), "a number") from None
     if math.isfinite(number) and abs(number) > LARGEST:
-        raise BadValueError(what, number, f"a number between ±{LARGEST:g}")
+        raise BadValueError(what, number, f"a number within ±{LARGEST:g}")
     return number
 
 

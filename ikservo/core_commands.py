@@ -24,7 +24,7 @@ CORE = App(
         ),
         "solve": Command(
             "ikservo.cli.commands.solve",
-            "Find joints for a point; nothing moves.",
+            "Find joint positions for a point; nothing moves.",
             "Without an arm",
         ),
         "scene": Command(
@@ -39,7 +39,7 @@ CORE = App(
         ),
         "scene check": Command(
             "ikservo.cli.commands.scene:check",
-            "Show which poses of an arm touch a thing.",
+            "Show which poses of an arm touch something.",
             "Without an arm",
         ),
         "workspace": Command(
@@ -74,7 +74,7 @@ CORE = App(
         "gripper": Command("ikservo.cli.commands.gripper", "Open, close, grasp.", "Move"),
         "stop": Command(
             "ikservo.cli.commands.stop",
-            "Stop the arm now, whatever program moves it.",
+            "Stop the arm now, whichever program moves it.",
             "Stop and recover",
         ),
         "relax": Command(

@@ -373,7 +373,7 @@ class CartesianPathError(UnreachableError):
         super().__init__(target_m, nearest_m, binding)
         self.along_m, self.shape = along_m, shape
         self.command_message = (
-            f"The {shape} can be followed for {along_m:.3f} m only, to "
+            f"The {shape} can be followed only for {along_m:.3f} m, to "
             f"{format_point(target_m)} ({', '.join(binding)})."
         )
         other = "move there without --line" if shape == "line" else f"a smaller {shape}"
@@ -405,7 +405,7 @@ class OrientationError(UnreachableError):
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         self.command_message = (
             f"{asked} is not possible at {format_point(position_m)}; "
-            f"closest is {math.degrees(left_rad):.1f}° off{held}."
+            f"the closest is {math.degrees(left_rad):.1f}° off{held}."
         )
         self.command_hint = (
             f"Nothing moved. {freedom} Closest orientation there: {instead}.".replace("  ", " ")
@@ -427,7 +427,7 @@ class AimError(UnreachableError):
         held = f" ({', '.join(self.binding)})" if self.binding else ""
         self.command_message = (
             f"The tip cannot point at {format_point(point_m)}; "
-            f"closest is {math.degrees(left_rad):.1f}° off{held}."
+            f"the closest is {math.degrees(left_rad):.1f}° off{held}."
         )
         self.command_hint = "Nothing moved. Choose another point."
 
@@ -465,7 +465,7 @@ class CollisionError(BlockedError):
         super().__init__(
             cause,
             f"{cause}: {depth_m * 1e3:.1f} mm {where}.",
-            "Choose another target, go through another pose, or correct the obstacles.",
+            "Choose another target, move via another pose, or correct the obstacles.",
         )
 
 
@@ -483,11 +483,11 @@ class ConstraintError(BlockedError):
             cause = f"{what} would be {found:.1f}°, more than the allowed {allowed:.1f}°"
         else:
             cause = f"the tip would be {beyond * 1e3:.1f} mm outside the {what}"
-        message = f"{cause}: at {fraction * 100:.0f} % of the path."
+        message = f"{cause}, at {fraction * 100:.0f} % of the path."
         super().__init__(
             cause,
             message[0].upper() + message[1:],
-            "Nothing was sent. Allow more, or choose another goal or path.",
+            "Nothing was sent. Widen the limit, or choose another target or path.",
         )
 
 

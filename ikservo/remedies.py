@@ -58,7 +58,10 @@ _BUTTONS = [
     (r"See: ikservo where\b", "See Health on this page"),
     (r"ikservo where\b(?! [A-Z<])", "see Health on this page"),
     (r"ikservo calibrate\b(?!(?: \w+)? --)( \w+)?", "press Calibrate"),
-    (r": (ikservo (?:recover|doctor|setup|scan))\b", r", in a terminal: \1"),
+    (r": ikservo doctor\b(?! --[rw])( --arm \w+)?", ": press Check in the list of arms"),
+    (r": ikservo setup\b( ARM)?", ": press Set up servos in the list of arms"),
+    (r": ikservo scan\b", ": press Find servos in the list of arms"),
+    (r": (ikservo (?:recover|doctor --write-eeprom))\b", r", in a terminal: \1"),
 ]
 _PAGE_REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _BUTTONS]
 _REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _REPLACEMENTS]
@@ -79,9 +82,6 @@ def install_command(extra: str = "") -> str:
 
     The command names the source of this copy, because ``pip install ikservo`` cannot find an
     unpublished one, and it uses the installer that made the environment.
-
-    Args:
-        extra: An optional dependency, such as ``view``; empty for none.
     """
     receipt = Path(sys.prefix) / "uv-receipt.toml"
     extras = {extra} - {""}
@@ -107,11 +107,7 @@ def install_hint(message: str) -> str:
 
 
 def pip_command(verb: str) -> str:
-    """Return the pip command for an action in the environment of this copy.
-
-    Args:
-        verb: ``install`` or ``uninstall``.
-    """
+    """Return the pip command for an action in the environment of this copy."""
     from importlib.util import find_spec  # noqa: PLC0415  # only a message needs it
 
     own = Path(sys.executable).parent

@@ -8,7 +8,7 @@ import array
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, clear_space, way_search
+from ikservo.guard import CollisionChecker, clear_space, path_search
 from ikservo.guard.sag import GravitySag, Weight
 from ikservo.ik import Solver, branch_tracking
 from ikservo.ik.prepare import TargetKind
@@ -77,10 +77,10 @@ def find_way(monkeypatch):
         return lambda *others: getattr(way_search_kernel, name)(*arguments, *others)
 
     with monkeypatch.context() as patch:
-        patch.setattr(way_search, "bind", bind)
-        patch.setattr(way_search, "_NODES", 50)
+        patch.setattr(path_search, "bind", bind)
+        patch.setattr(path_search, "_NODES", 50)
         space = CollisionChecker(every_kind_of_joint(), 0.02, BOXES).clear_space(0.0, load=0.0)
-        found = way_search.WaySearch(space, np.zeros(4), np.ones((1, 4)), -np.ones(4), np.ones(4))
+        found = path_search.WaySearch(space, np.zeros(4), np.ones((1, 4)), -np.ones(4), np.ones(4))
         found.has_ended = False
         found._goals = np.ones((1, 4))
         found._plant(found._limits)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ikservo.arm.following import check_followed_goal
     from ikservo.arm.opening import open_arm
     from ikservo.arm.setpoint_stream import SetpointStream
-    from ikservo.control.feedback import JointState
+    from ikservo.control.joint_reading import JointState
     from ikservo.guard import StopKind, StopReason
     from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
     from ikservo.planning.calibrated_arm import ZeroSource
@@ -52,7 +52,7 @@ _HOMES = {
     "ArmState": "planning.reports",
     "DEAD_MAN_TIMEOUT_S": "guard.dead_man",
     "JointMoveResult": "planning.reports",
-    "JointState": "control.feedback",
+    "JointState": "control.joint_reading",
     "Motion": "arm.background_motion",
     "MotionPlan": "planning.motion_plan",
     "MotionProgress": "planning.reports",

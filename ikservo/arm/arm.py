@@ -20,9 +20,9 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import MotionPlan, PoseWithinLimits
+from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MotionValue, check_motion
-from ikservo.planning.poses import PoseLibrary, teach
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits, teach
 from ikservo.planning.preflight_planner import PreflightPlanner
 from ikservo.planning.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 

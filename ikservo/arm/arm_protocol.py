@@ -21,8 +21,7 @@ from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
-from ikservo.planning.motion_plan import PoseWithinLimits
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits
 from ikservo.planning.reports import (
     ArmState,
     FollowResult,
@@ -210,12 +209,7 @@ class OpenArm(MotionMethods, Protocol):
     ) -> AbstractContextManager[Iterator[dict[str, float] | None]]:
         """Return, for a ``with`` block, the measured joint positions for a follower.
 
-        For functions of this package.
-
-        Args:
-            joints: The joints that the follower also has.
-            period_s: Time between two items; an item is None if nothing newer is known.
-            until: Returns True to end the measurements.
+        For functions of this package. An item is None if nothing newer is known.
         """
         ...
 

@@ -192,7 +192,7 @@ class RunningMotion(Generic[T]):
                 self._finished.set()
 
     def _mark_ended(self) -> None:
-        """Acknowledge the stop of a cancellation, unless another stop was also requested."""
+        """Acknowledge the stop that ``cancel`` requested, unless there was another request."""
         with self._state:
             self._moving = False
             if self._cancelled:
@@ -228,7 +228,7 @@ class Background:
 
     @contextmanager
     def turn(self) -> Generator[None]:
-        """Wait for earlier motions, and mark the block as a motion that is requested now.
+        """Wait for earlier motions; the ``with`` block is a motion that is requested now.
 
         Raises:
             RefusedError: A stream of setpoints is open, or this process is a fork of the one that
@@ -242,11 +242,6 @@ class Background:
     def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
         """Start a motion that is requested now, in a thread, after earlier ones.
 
-        Args:
-            work: Plans and executes the motion, and returns its result.
-            args: The arguments of ``work``.
-            kwargs: The keyword arguments of ``work``.
-
         Raises:
             RefusedError: The errors of ``turn``.
         """
@@ -259,10 +254,9 @@ class Background:
         return self._stop_request.count_at_request
 
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
-        """Mark the motions of this thread in the block as one request: a stop ends all of them.
+        """Treat this thread's motions in the ``with`` block as one request, which a stop ends.
 
-        Args:
-            stop_count: The ``stop_count`` at the request; None for the present one.
+        Only stops after the first ``stop_count`` stops end it; None: stops from now on.
         """
         return self._stop_request.requested(stop_count)
 
@@ -303,22 +297,20 @@ class Background:
         check_not_forked(self._process_id)
         if self._stream is not None and not self._stream.done:
             raise RefusedError(
-                "A stream of setpoints is open.", "Leave its block first, or send goals through it."
+                "A stream of setpoints is open.",
+                "Leave its `with` block first, or send setpoints through it.",
             )
 
 
 def check_not_forked(process_id: int) -> None:
-    """Raise an error in a forked child, where locks of its parent's threads are never released.
-
-    Args:
-        process_id: The process that opened the arm.
+    """Raise an error in a fork of a process, where locks of its parent's threads stay taken.
 
     Raises:
         RefusedError: This process is a fork of that process.
     """
     if os.getpid() != process_id:
         raise RefusedError(
-            f"The arm was opened by process {process_id}; a fork of it cannot use the arm.",
+            f"The arm was opened by process {process_id}; a forked process cannot use it.",
             "Open the arm in the process that moves it, or start processes with "
             'multiprocessing.get_context("spawn").',
         )

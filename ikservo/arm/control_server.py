@@ -38,10 +38,7 @@ _REQUEST_TIMEOUT_S = 1.0  # a client that takes longer for its one line is disco
 def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer | None:
     """Listen for the clients of a device that this process has opened.
 
-    Args:
-        device: The port.
-        handler: Executes requests.
-        arm: The name of the arm, used for the socket if another arm on the device already listens.
+    The socket has the name of the arm if another arm on the device already listens.
 
     Returns:
         The server; None if no safe socket can be made. An arm also works without a server.
@@ -54,12 +51,7 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
 
 
 class ControlServer:
-    """Serves clients until it is closed: one thread per client, a few at a time.
-
-    Args:
-        listening: The socket.
-        handler: Executes requests.
-    """
+    """Serves clients until it is closed: one thread per client, a few at a time."""
 
     def __init__(self, listening: ListeningSocket, handler: RequestHandler) -> None:
         self._listening, self._handler = listening, handler

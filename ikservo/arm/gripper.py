@@ -202,7 +202,7 @@ def _goal_position(context: ArmContext, gripper: Gripper, motion: MoveGripper) -
         joint = context.model.joint(gripper.joint)
         middle = joint.joint_map.format(0.5 * (low + high)).strip().rstrip("°").replace(" ", "")
         expected = (
-            f"open or close: the arm file has no widths ([gripper]). Or give the joint's "
+            f"open or close, because the arm file has no widths ([gripper]). Or give the joint's "
             f"position, as in: ikservo joints {gripper.joint}={middle}"
         )
         raise BadValueError("The width", f"{width_m:g} m", expected)
@@ -219,7 +219,7 @@ def _torque_fraction(context: ArmContext, force: float | None) -> float:
     # The smallest fraction that moves this gripper, in whole percent.
     least = max(_MIN_FORCE, math.ceil(100.0 * _FRICTION_MARGIN * friction) / 100.0)
     if not least <= fraction <= 1.0:
-        servo = "" if least == _MIN_FORCE else "; less does not move its jaws"
+        servo = "" if least == _MIN_FORCE else "; a smaller force does not move its jaws"
         raise BadValueError(
             "The force", f"{fraction:g}", f"a fraction from {least:g} to 1 on this arm{servo}"
         )

@@ -190,7 +190,7 @@ def _make_jog_target(
     if what in names:
         column = context.index.column(what)
         slow = context.planner.motion_limits("slow")[column].speed_rad_s
-        expected = f"rad/s, or m/s of a slide, at most {_MAX_SPEED_FACTOR}"
+        expected = f"rad/s, or m/s for a sliding joint, at most {_MAX_SPEED_FACTOR}"
         signed = _check_jog_speed(speed, slow, expected, _MAX_SPEED_FACTOR)
         own = limits[column]
         limits[column] = replace(own, speed_rad_s=min(abs(signed), own.speed_rad_s))

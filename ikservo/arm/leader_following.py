@@ -73,14 +73,7 @@ def published_positions(
     cycle_time_s: float,
     until: Callable[[], bool] | None,
 ) -> Iterator[dict[str, float] | None]:
-    """Yield the newest positions of shared joints, or None, in real time.
-
-    Args:
-        newest: Returns the newest positions by joint, each only once.
-        shared: The joints that the leader has in common with the follower.
-        cycle_time_s: Time between two items.
-        until: Returns True to end the generator.
-    """
+    """Yield the shared joints of ``newest`` in each cycle of real time; None if it returns None."""
     for _ in Rate(RealClock(), cycle_time_s):
         if until and until():
             return
@@ -96,11 +89,7 @@ def leader_positions(
 ) -> Iterator[dict[str, float] | None]:
     """Yield the leader's measured joints by name in every cycle, or None if there is no reply.
 
-    Args:
-        leader: The arm that is guided by hand; its torque stays unchanged.
-        shared: The joints that the leader has in common with the follower.
-        cycle_time_s: Time between two readings of the leader.
-        until: Returns True to end the generator.
+    The torque of the leader stays unchanged.
     """
     for _ in Rate(leader.servos.clock, cycle_time_s):
         if until and until():

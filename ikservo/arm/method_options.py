@@ -20,10 +20,7 @@ def with_options(
 ) -> Callable[[F], F]:
     """Return a decorator that lets ``help`` list the options of a method with their defaults.
 
-    Args:
-        kind: The motion that the method executes; its fields have the defaults.
-        options: The ``TypedDict`` of the options.
-        takes_point: Whether the method accepts a point (3,), also as three numbers.
+    With ``takes_point``, the method accepts a point (3,) also as three numbers.
     """
     names = inspect.get_annotations(cast("Any", options))
     defaults = {each.name: each.default for each in fields(cast("Any", kind))}

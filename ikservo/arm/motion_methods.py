@@ -284,11 +284,7 @@ class MotionMethods(Protocol):
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
         """Execute a motion.
 
-        Args:
-            motion: The motion.
-            on_progress: Called in every control cycle, or None.
-            own_stops: This program's stop count when the motion was requested; if it has stopped
-                the arm since, the motion is refused.
+        The motion is refused if this program's stop count differs from ``own_stops``.
         """
 
     @overload
@@ -551,7 +547,7 @@ class MotionMethods(Protocol):
         given = _fields(MoveGripper, options)
         if to is not None and not isinstance(to, str):
             if given.get("width_m") is not None:
-                raise InputError("Give the gripper open, close or a width, and only one of them.")
+                raise InputError("Give the gripper exactly one of open, close and a width.")
             given["width_m"], to = to, None
         return self._run(MoveGripper(to, **given), on_progress, wait=wait)
 

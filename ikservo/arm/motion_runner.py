@@ -14,7 +14,7 @@ import numpy as np
 
 from ikservo.arguments import parse_number
 from ikservo.arm.background_motion import check_not_forked
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.control.loop import ControlLoop, OnCycle
 from ikservo.control.stop_requests import (
     CTRL_C,
@@ -57,9 +57,6 @@ class MotionRunner:
     """Runs every motion of an arm, one at a time under ``lock``.
 
     A motion that fails leaves the arm stopped; the first motion after torque comes on is slow.
-
-    Args:
-        context: The arm.
 
     Attributes:
         loop: Streams trajectories to the servos.
@@ -180,7 +177,7 @@ class MotionRunner:
                 self._servos.disable_joint(joint)
 
     def requested(self) -> AbstractContextManager[None]:
-        """Mark the actions of this thread in the block as one request: a stop ends all of them.
+        """Treat this thread's actions in the ``with`` block as one request, which a stop ends.
 
         This also holds if the stop is acknowledged before the block has ended.
         """
@@ -191,7 +188,7 @@ class MotionRunner:
     def undisturbed(self) -> Generator[None]:
         """Keep other threads from moving this arm or an arm in reach, and from changing the scene.
 
-        A stop ends all actions in the block, as in ``requested``.
+        A stop ends all actions in the ``with`` block, as in ``requested``.
 
         Raises:
             RefusedError: Another arm in reach is moving.
@@ -267,6 +264,7 @@ class MotionRunner:
                 pass
             leave()
             with self.lock:  # not while another process relaxes the arm
+                self._servos.restore_gains()
                 self._context.port.close()
 
     @contextmanager
@@ -297,7 +295,7 @@ class MotionRunner:
 
     @contextmanager
     def watching_scene(self) -> Generator[None]:
-        """Let other threads change the things around the arm while a motion runs in the block."""
+        """Let other threads change the things around the arm during the ``with`` block's motion."""
         self.watches_scene = True
         try:
             yield
@@ -381,7 +379,7 @@ class MotionRunner:
         """
         if speed != "slow" and self._read_first_motion():
             raise RefusedError(
-                "Torque was switched off after this was planned.",
+                "Torque was switched off after this motion was planned.",
                 "Nothing was sent. Plan again: the first motion after torque-on is slow.",
             )
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ArmNetwork(Protocol):
-    """Opens arms on other machines; entry points of the group name such an object."""
+    """Opens arms on other machines; entry points of ``NETWORK_GROUP`` name such an object."""
 
     def open_arm(self, model: Model, address: str, on_exit: OnExit) -> OpenArm:
         """Open the arm at an address.
@@ -42,10 +42,9 @@ class ArmNetwork(Protocol):
 
 
 def find_network(port: object) -> tuple[ArmNetwork, str] | None:
-    """Find the network for a port, and the address in it; None for a port on this machine.
+    """Return the network and address of a port; None if the port is on this machine.
 
-    Args:
-        port: The port given by the user; ``IKSERVO_PORT`` if None.
+    If ``port`` is None, it is taken from ``IKSERVO_PORT``.
 
     Raises:
         BadValueError: The value is not the name of a port.

@@ -19,6 +19,7 @@ from ikservo.arm.stoppable_bus import stoppable
 from ikservo.calibration.paths import identified_path
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
+from ikservo.control.servo_gains import restore_lowered
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, InputError, RefusedError
 from ikservo.files.writing import FileWriteError
@@ -40,9 +41,8 @@ from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, load_model
-from ikservo.model.collision_model import collision_body, collision_body_with_gripper
-from ikservo.model.joint_drive import nominal_parameters
-from ikservo.model.link_masses import stall_error
+from ikservo.model.collision_capsules import collision_body, collision_body_with_gripper
+from ikservo.model.joint_drive import nominal_parameters, stall_error
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import (
     CalibratedArm,
@@ -60,12 +60,8 @@ if TYPE_CHECKING:
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
-    From then on, the user's other programs can stop this one.
-
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        retries: The number of repetitions of a request whose reply is lost.
+    From then on, the user's other programs can stop this one. A request whose reply is lost is
+    repeated ``retries`` times.
 
     Raises:
         InputError: The model names no servos.
@@ -113,7 +109,7 @@ def resolve_port(model: Model, port: str | None) -> str:
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
-    """Return every servo of an arm; other servos of a joint follow its first servo.
+    """List every servo of an arm; a joint's first servo stands before its other servos.
 
     Raises:
         InputError: The model names no servos.
@@ -162,7 +158,7 @@ def open_arm(
         NoPortError: There is no such port, or there is none to choose from.
         PortBusyError: Another process holds the port.
         ServoSilentError: Servos do not reply; they and unexpected servos are named.
-        BadReplyError: Two servos have one id.
+        BadReplyError: Two servos have the same id.
         CalibrationError: A servo's model differs from the arm file, or registers have changed since
             the calibration; they are named.
         FileFormatError: The arm's calibration is malformed.
@@ -201,6 +197,8 @@ def open_own_arm(
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, driven_joints, shadows, bus.port.clock, model.health, gripper)
+        for warning in restore_lowered(bus):
+            servos.log_warning(warning)
         checker = make_collision_checker(model, own.chain()) if collisions else None
         chain = _narrow_chain(own.chain(), driven_joints)
         serial_number = serial_number_of(opened_port.name)
@@ -225,12 +223,12 @@ def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> 
             with contextlib.suppress(FileWriteError):  # opening does not depend on the backup
                 back_up_once(bus, bus.backup_owner)
     except (BusError, CalibrationError) as error:
-        from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only
+        from ikservo.hardware.duplicate_ids import raise_explained  # noqa: PLC0415  # a failure only
 
         raise_explained(bus, error)
         raise
     if bus.port.health.degraded:
-        from ikservo.hardware.diagnostics import raise_on_duplicate_ids  # noqa: PLC0415
+        from ikservo.hardware.duplicate_ids import raise_on_duplicate_ids  # noqa: PLC0415
 
         raise_on_duplicate_ids(bus)
     return own
@@ -289,11 +287,9 @@ def _make_limits(own: CalibratedArm, model: Model) -> list[DrivenJoint]:
 
 
 def make_collision_checker(model: Model, own_chain: Chain | None = None) -> CollisionChecker:
-    """Make the collision checker of an arm with its gripper; the arm may sag under its weight.
+    """Make the collision checker of an arm with its gripper, which allows for the arm's sag.
 
-    Args:
-        model: The arm.
-        own_chain: The calibrated chain, whose links may deviate from the sensor readings.
+    The calibrated ``own_chain`` converts sensor readings to the actual angles of the links.
     """
     body = collision_body_with_gripper(model)
     checker = CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))
@@ -317,7 +313,9 @@ def _make_compensator(
     driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
-    """Make the goal compensator; if zeros are known, it uses (preferably identified) masses.
+    """Make the goal compensator; if zeros are known, it knows the masses of the links.
+
+    The masses are the identified ones, or else those of the arm file.
 
     Raises:
         FileFormatError: The arm's identification is malformed.

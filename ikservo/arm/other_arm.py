@@ -50,9 +50,6 @@ class OtherArm:
 
         A closed arm is assumed to stay where it was when it was closed.
 
-        Args:
-            arm: This arm, which shares the lock with the other one.
-
         Raises:
             RefusedError: The other arm is moving, or its position cannot be measured.
         """

@@ -35,10 +35,7 @@ _RETRY_PERIOD_S = 0.02  # between two attempts meanwhile
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
     """Stop an arm by a command to the program that has its port open, or else on the port itself.
 
-    Args:
-        model: The arm.
-        port: The port of the arm; None chooses a port as in every command.
-        clock: Clock for the time to wait for a program that does not listen yet.
+    ``clock`` measures the wait for a program that does not listen yet.
 
     Raises:
         IkservoError: That program cannot stop the arm, or the port cannot be opened.
@@ -89,7 +86,7 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
-    """Request an arm's state from the program that has its port open; None if there is none.
+    """Request an arm's state from the program that has its port open; None without a program.
 
     An arm on another machine is opened there without taking control of it.
 
@@ -105,7 +102,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
-    """Let the program that has an arm's port open relax the arm; None if there is none.
+    """Let the program that has an arm's port open relax the arm; None without a program.
 
     Raises:
         IkservoError: That program cannot relax the arm.

@@ -92,13 +92,8 @@ def _run_around(
 ) -> ExecutedMotion:
     """Execute the plan of a motion; replan each time an obstacle enters its path.
 
-    The stop for replanning is acknowledged. Any other stop, even in the meantime, ends the request.
-
-    Args:
-        arm: The arm.
-        motion: The motion; None if only its plan is known.
-        plan: The first plan; None if it must still be made.
-        on_progress: Called in every control cycle.
+    The stop in front of the obstacle is acknowledged. Any other stop, even during replanning, ends
+    the request. ``motion`` is None if only its plan is known; ``plan`` is None if it must be made.
     """
     stops, replans = arm.context.servos.stop_request, getattr(motion, "replan", False)
     count = stops.count_at_request
@@ -198,10 +193,8 @@ class _PathWatch:
     """Stops a motion in front of an obstacle that has entered the rest of the path.
 
     Whenever the scene has changed, the rest of the path is checked again, one piece per cycle. The
-    first piece is longer than the stopping distance of the arm.
-
-    Args:
-        context: The arm, whose path is free in the present scene.
+    first piece is longer than the stopping distance of the arm. The path must have been free when
+    the motion started.
     """
 
     def __init__(self, context: ArmContext) -> None:
@@ -218,7 +211,7 @@ class _PathWatch:
         try:
             self._context.check_piece(trajectory, from_s, self._next_s, speed)
         except CollisionError as error:
-            reason = StopReason(StopKind.OBSTACLE, f"The scene was changed: {error.cause}.")
+            reason = StopReason(StopKind.OBSTACLE, f"The scene was changed, and now {error.cause}.")
             servos.request_stop(reason)
 
 

@@ -111,10 +111,7 @@ def encode_fields(value: Any, left_out: Iterable[str] = ()) -> dict[str, JsonVal
 def decode_fields(kind: type[T], fields: object, left_out: Mapping[str, object] | None = None) -> T:
     """Decode a dataclass from the result of ``encode_fields``.
 
-    Args:
-        kind: The dataclass.
-        fields: JSON values.
-        left_out: The fields that were left out, with the values to use.
+    ``left_out`` has the values of fields that were left out.
 
     Raises:
         IkservoError: A field is missing, unknown, or of another type.

@@ -39,13 +39,7 @@ def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | 
 def end_of_motion(
     context: ArmContext, preflight: PreflightPlanner, motion: MotionValue[Any], start: Vector
 ) -> Vector:
-    """Compute the joints (n,) after a motion that begins at ``start`` (n,); nothing moves.
-
-    Args:
-        context: The arm.
-        preflight: Plans from ``start``.
-        motion: The motion.
-        start: All joints, rad or m.
+    """Compute the joints (n,) after a motion from ``start`` (n,), rad or m; nothing moves.
 
     Raises:
         IkservoError: The motion cannot be executed from there.
@@ -75,11 +69,7 @@ def wait(
 ) -> None:
     """Wait while the arm holds; a stop or a fault of a servo ends it.
 
-    Args:
-        context: The arm.
-        motion: The wait, with its duration.
-        on_wait: Called repeatedly during the wait.
-        watch_health: Whether the servos are monitored during the wait.
+    ``on_wait`` is called repeatedly during the wait.
 
     Raises:
         StoppedError, RefusedError: The arm was stopped.

@@ -21,7 +21,7 @@ from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.arm_model import Obstacle
-from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.collision_capsules import collision_body_with_gripper
 from ikservo.model.scene_file import (
     FURTHEST_BASE_M,
     KINDS,
@@ -257,7 +257,7 @@ class Scene:
     def _place_arm(self, other: Scene, sizes: dict[str, Any]) -> None:
         present = self._others[other].placed
         if unknown := sizes.keys() - {"at_m", "rpy_deg"}:
-            raise UnknownNameError("field for placing an arm", min(unknown), ["at_m", "rpy_deg"])
+            raise UnknownNameError("placement field", min(unknown), ["at_m", "rpy_deg"])
         T = _pose_of_base(sizes.get("at_m", present.at_m), sizes.get("rpy_deg", present.rpy_deg))
         with self._changing_both(other):
             for one, another, pose in ((self, other, T), (other, self, _inverse(T))):
@@ -344,7 +344,7 @@ class Scene:
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:
-        """Keep both arms and scenes unchanged in the block; locks are taken in a fixed order."""
+        """Keep both arms and scenes unchanged in the ``with`` block; the lock order is fixed."""
         first, second = sorted((self, other), key=id)
         with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
@@ -363,7 +363,7 @@ class Scene:
         lock, check_idle = self._runner.lock, self._context.servos.torque.check_idle
         if not lock.acquire(timeout=wait_s):  # another thread moves it
             raise RefusedError(
-                f"{self._context.model.name} is moving or being read.",
+                f"{self._context.model.name} is moving, or its state is being read.",
                 "Wait until it is at rest, or stop it.",
             )
         try:
@@ -375,7 +375,7 @@ class Scene:
 
     @contextmanager
     def _changing_things(self) -> Generator[None]:
-        """Prevent other changes of the things in the block; a running motion then checks again."""
+        """Prevent other changes in the ``with`` block; a running motion then checks its path."""
         locked = False
         while not (self._runner.watches_scene or locked):
             locked = self._runner.lock.acquire(timeout=_POLL_S)
@@ -410,7 +410,7 @@ def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
     Raises:
         BadValueError: The place is too far away, not valid, or the place of this arm.
     """
-    at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "metres of the same table")
+    at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "a place on the same table, in metres")
     if np.linalg.norm(at) < NEAREST_BASE_M:
         raise BadValueError(
             "The place of the other arm", at.tolist(), "a place away from this arm's base"

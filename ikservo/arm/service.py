@@ -82,8 +82,6 @@ class ArmService:
         on_lost: Called after a running motion ended because its operator fell silent.
 
     Attributes:
-        arm: The arm.
-        clock: The clock of the lease.
         lease: The control lease of the arm.
     """
 
@@ -112,10 +110,7 @@ class ArmService:
 
         An operator's stop of its own motion returns at once, because the motion reports its end.
 
-        Args:
-            reason: The reason for the stop.
-            at_rest: The reason if no motion is running; None uses ``reason``.
-            lease: The lease of the client that asks.
+        ``at_rest`` is the reason if no motion is running; None uses ``reason``.
 
         Raises:
             IkservoError: The arm has not come to rest, or the servos cannot be commanded to hold.
@@ -146,9 +141,8 @@ class ArmService:
     def relax(self, stopped: StopReason, relaxed: StopReason) -> JointMoveResult:
         """Stop the arm, lower it and switch torque off; it then stays stopped.
 
-        Args:
-            stopped: The reason that ends a running motion.
-            relaxed: The reason why the arm does not move afterwards.
+        ``stopped`` is the reason for the stop of a running motion; ``relaxed`` is the reason for
+        which the arm stays stopped afterwards.
 
         Raises:
             IkservoError: The arm does not come to rest, or cannot be lowered.
@@ -207,9 +201,7 @@ class ArmService:
         holder = self.lease.holder
         if holder is None or holder.lease != lease:
             return False
-        return self.lose(
-            holder, f"{holder.operator} gave back control; the arm holds its position."
-        )
+        return self.lose(holder, f"{holder.operator} released control; the arm holds its position.")
 
     def lose(self, holder: Holder, text: str) -> bool:
         """Withdraw a lease and stop the motion under it; return whether it was in force."""

@@ -49,7 +49,7 @@ class SetpointMailbox:
         self._taken_count = 0
 
     def put(self, setpoint: CartesianOrJointTarget) -> None:
-        """Replace the setpoint; return when the next one is due, or at once without a period."""
+        """Replace the setpoint; return when the next one is due (without a fixed rate: at once)."""
         with self._changed:
             self._setpoint, self._late = setpoint, False
             self.put_count += 1
@@ -148,7 +148,7 @@ class SetpointStream:
             RefusedError: The stream was used before, or another one is open.
         """
         if self._motion is not None:
-            raise RefusedError("This stream was used before.", "Open another: arm.stream().")
+            raise RefusedError("This stream has already been used.", "Open another: arm.stream().")
         self._motion = self._arm.background.start_stream(self._follow_setpoints)
         return self
 
@@ -158,7 +158,7 @@ class SetpointStream:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Brake and hold; raise the stream's error, unless the block itself raised one."""
+        """Brake and hold; raise the stream's error, unless the ``with`` block raised one."""
         self._mailbox.close()
         motion = self._require_motion()
         if error is None and not self._raised:

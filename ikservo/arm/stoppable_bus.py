@@ -19,12 +19,7 @@ _STOPPED = "Stopped from another terminal."
 
 
 def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
-    """Let the user's other programs stop this program while it uses a bus; return the bus.
-
-    Args:
-        bus: The bus, which may switch torque on.
-        arm: The name of the arm; empty if the servos belong to none.
-    """
+    """Let the user's other programs stop this program while it uses a bus; return the bus."""
     bus.stop_listener = StopListener(bus, arm)
     return bus
 
@@ -37,7 +32,7 @@ class StopListener:
 
     Args:
         bus: The bus.
-        arm: The name of the arm; empty if the servos belong to none.
+        arm: The name of the arm; empty if the servos belong to no arm.
     """
 
     def __init__(self, bus: ServoBus, arm: str) -> None:
@@ -59,11 +54,7 @@ class StopListener:
         return self._server is not None
 
     def hand_over(self, handler: RequestHandler) -> str:
-        """Let an arm handle all further requests.
-
-        Returns:
-            The reason why the program was stopped before; empty if it was not.
-        """
+        """Let an arm handle all further requests; return why the program was stopped before."""
         with self._turn:
             self._arm_handler = handler
             text, self._stop_text = self._stop_text, ""

@@ -24,10 +24,6 @@ class TargetTracker:
     """Solves targets in sequence, each from the last solution, so that the branch is kept.
 
     If a limit is in the way, the joints move as close to the target as they can.
-
-    Args:
-        chain: The joints from base to tip.
-        index: All joints in the order of the vectors (n,).
     """
 
     def __init__(self, chain: Chain, index: JointIndex) -> None:

@@ -30,7 +30,9 @@ from ikservo.registers import MODELS, Family
 def inconsistencies(calibration: Calibration) -> Iterator[ValidationIssue]:
     """Yield each contradiction between values, in the order of the file."""
     if calibration.written.tzinfo is None:
-        yield ValidationIssue(("written",), "has no offset", "a time such as 2026-11-02T14:03:22Z")
+        yield ValidationIssue(
+            ("written",), "has no UTC offset", "a time such as 2026-11-02T14:03:22Z"
+        )
     yield from _check_geometry(calibration)
     names = [joint.name for joint in calibration.joints]
     for i, name in enumerate(names):
@@ -56,7 +58,7 @@ def _check_geometry(calibration: Calibration) -> Iterator[ValidationIssue]:
         return
     if geometry.touched.tzinfo is None:
         expected = "a time such as 2026-11-02T14:03:22Z"
-        yield ValidationIssue(("geometry", "touched"), "has no offset", expected)
+        yield ValidationIssue(("geometry", "touched"), "has no UTC offset", expected)
     names = [origin.joint for origin in geometry.origins]
     for i, name in enumerate(names):
         if name in names[:i]:
@@ -73,7 +75,7 @@ def _check_servo(where: Location, servo: CalibratedServo, family: str) -> Iterat
     for name, number in servo.holds.items():
         if name not in table.registers:
             yield ValidationIssue(
-                (*where, "holds", name), "is not a register", f"one of {table.model_name}"
+                (*where, "holds", name), "is not a register", f"a register of {table.model_name}"
             )
         elif not table.registers[name].range[0] <= number <= table.registers[name].range[1]:
             low, high = table.registers[name].range
@@ -112,7 +114,9 @@ def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[Validation
     swept = joint.recorded_range()
     if (swept is None) != (joint.swept == "not swept"):
         yield ValidationIssue(
-            (*where, "swept"), f"is {quote(joint.swept)}", "both limits, or neither"
+            (*where, "swept"),
+            f"is {quote(joint.swept)}",
+            "both limits if swept, otherwise no limits",
         )
     elif swept and not swept[0] < swept[1]:
         yield ValidationIssue(
@@ -123,7 +127,7 @@ def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[Validation
 FORMAT = 1
 _HEADER = """\
 # The calibration of one arm, written by ikservo. It belongs to this arm's own servos, and every
-# change must go through `ikservo calibrate`: the checksum above guards each byte below.
+# change must go through `ikservo calibrate`: the checksum above covers every byte below.
 """
 
 
@@ -267,7 +271,7 @@ def undo_calibration(path: Path) -> Calibration:
         ]
         if held[0] != held[1]:
             raise InputError(
-                f"{backup} was made with other register values than now.",
+                f"The register values have changed since {backup} was made.",
                 f"Write this file's values into the servos: ikservo calibration push {now.arm}",
             )
         write_atomic(path, dump_calibration(before), keep_old=True)

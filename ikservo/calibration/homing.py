@@ -70,13 +70,8 @@ def choose_homing(
 ) -> Homing:
     """Choose the homing settings for a travel; the present ones are kept if they suffice.
 
-    Args:
-        joint: The joint name, for messages.
-        family: The servo's protocol family.
-        travel: The travel in bare ticks, unwrapped.
-        offset: The homing offset that the servo holds now.
-        encoder: The sensor of the servo.
-        counts_on: Whether a Dynamixel is already in a multi-turn mode.
+    The travel is in bare ticks, unwrapped. ``counts_on``: a Dynamixel is already in a multi-turn
+    mode.
 
     Raises:
         CalibrationError: The travel is a revolution or more, or crosses a wrap-around that cannot
@@ -84,7 +79,7 @@ def choose_homing(
     """
     if travel.width > encoder.ticks - 2:  # a tick is needed to distinguish the ends
         raise CalibrationError(
-            f"{joint}: travel of {travel.width} ticks, more than one turn ({encoder.ticks}).",
+            f"{joint}: its travel of {travel.width} ticks is more than one turn ({encoder.ticks}).",
             f"Is a horn loose? For a joint without end stops: --continuous {joint}",
         )
     if not encoder.wraps:

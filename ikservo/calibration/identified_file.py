@@ -18,7 +18,7 @@ from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
 _HEADER = """\
 # Masses and motors of one arm, written by `ikservo identify`. `ikservo sim --as-identified`
-# simulates this arm; the figures of a joint are those of each of its servos, at the horn.
+# simulates this arm; the values of a joint are for each of its servos, at the horn.
 """
 
 Torque = Annotated[float, Field(gt=0, le=1000)]
@@ -31,9 +31,11 @@ class IdentifiedJoint(StrictModel):
     """``[[joints]]``: the servos of a joint, and the mass between this joint and the next."""
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
-    mass_scale: float = Field(gt=0, le=10, description="a factor of the arm file's mass")
+    mass_scale: float = Field(gt=0, le=10, description="a factor on the arm file's mass")
     stiffness_nm_rad: Torque = Field(description="N m per rad, above zero")
-    p_gain: int | None = Field(default=None, ge=0, description="the register at identification")
+    p_gain: int | None = Field(
+        default=None, ge=0, description="the register's value at identification"
+    )
     full_duty_nm: Torque = Field(description="N m at nominal supply, above zero")
     back_emf_nm_s: Torque = Field(description="N m per rad/s, above zero")
     viscous_nm_s: Friction = Field(description="N m per rad/s, zero or more")

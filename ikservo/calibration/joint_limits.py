@@ -1,7 +1,8 @@
-"""Joint limits and their sources."""
+"""Joint limits and their sources, and when a joint is near or at a limit."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ikservo.calibration.joint_map import JointUnit, format_position
@@ -9,6 +10,10 @@ from ikservo.errors import CalibrationError
 
 MIN_RANGE_TICKS = 50
 """Smallest range of a calibrated joint, ticks; with less travel, the joint was not moved."""
+
+_NEAR = {"rad": math.radians(5.0), "m": 0.005}
+_AT = {"rad": math.radians(0.3), "m": 0.0003}
+_NEAR_FRACTION = 1 / 20  # for short ranges, because jaws would otherwise always be near a limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,3 +79,23 @@ class Limits:
 
     def _format_limit(self, limit: Limit) -> str:
         return f"{format_position(limit.value, self.unit)} ({limit.source})"
+
+
+def limit_distance(position: float, lower: float, upper: float) -> float:
+    """Compute the distance to the nearer limit; negative outside, infinite if there is none."""
+    return min(position - lower, upper - position)
+
+
+def near_distance(lower: float, upper: float, unit: str) -> float:
+    """Compute the distance, rad or m, within which a joint counts as near a limit."""
+    return min(_NEAR[unit], _NEAR_FRACTION * (upper - lower))
+
+
+def at_distance(lower: float, upper: float, unit: str) -> float:
+    """Compute the distance within which a joint counts as at a limit; see ``near_distance``."""
+    return min(_AT[unit], near_distance(lower, upper, unit))
+
+
+def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
+    """Check whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
+    return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)

@@ -220,12 +220,7 @@ _POTENTIOMETER = 1024  # AX and SCS: 300° (200° on the SCS15)
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """A position sensor.
-
-    Attributes:
-        ticks: The number of ticks; they are numbered from 0.
-        ticks_per_turn: Ticks per full revolution of the horn.
-    """
+    """A position sensor: its ticks, numbered from 0, and ticks per revolution of the horn."""
 
     ticks: int
     ticks_per_turn: float

@@ -68,7 +68,7 @@ def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
     joints = cast("Mapping[str, object]", table)
     if _OLD_KEYS & joints.keys():
         expected = "a newer one; calibrate again with LeRobot, or with: ikservo calibrate"
-        raise FileFormatError(path, "", "is a calibration of LeRobot before mid-2025", expected)
+        raise FileFormatError(path, "", "is a calibration from LeRobot before mid-2025", expected)
     found = tuple(_parse_joint(path, name, row) for name, row in joints.items())
     ids = [joint.id for joint in found]
     for joint in found:
@@ -97,14 +97,14 @@ def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
 
 def lost_in_lerobot(calibration: Calibration) -> Iterator[str]:
     """Yield the parts of a calibration that LeRobot's file cannot represent, one line each."""
-    yield "LeRobot uses the middle of each range as zero; these zeros are not in its file."
+    yield "LeRobot uses the middle of each range as zero; its file cannot hold other zeros."
     for joint in calibration.joints:
         if joint.sign == -1:
-            yield f"{joint.name} counts against its joint, and so do LeRobot's degrees."
+            yield f"{joint.name}'s servo counts opposite to its joint, as do LeRobot's degrees."
         if joint.swept == "not swept":
             yield f"{joint.name} was not swept; LeRobot's file gets a full turn."
         if joint.extended and joint.swept != "not swept":
-            yield f"{joint.name} counts beyond one turn, which LeRobot's range does not show."
+            yield f"{joint.name} counts beyond one turn, which LeRobot's range cannot represent."
         if any(end is not None for end in joint.user_range()):
             yield f"Your own limits of {joint.name} are not in LeRobot's file."
         for shadow in joint.shadows:

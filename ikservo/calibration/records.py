@@ -75,7 +75,9 @@ class CalibratedJoint(StrictModel):
     compliance: float = Field(
         default=0.0, ge=0.0, le=1.0, description="rad per N m behind the encoder, 0 to 1"
     )
-    play_deg: float = Field(default=0.0, ge=0.0, le=5.0, description="degrees behind the encoder")
+    play_deg: float = Field(
+        default=0.0, ge=0.0, le=5.0, description="degrees of backlash behind the encoder"
+    )
     servo: CalibratedServo = Field(description="a table [joints.servo]")
     shadows: tuple[CalibratedServo, ...] = Field(
         default=(), strict=False, description="tables [[joints.shadows]]"
@@ -172,7 +174,7 @@ class CalibratedCamera(StrictModel):
     )
     board: SeenBoard | None = Field(default=None, description="a table [camera.board]")
     tip_shows: Name | None = Field(
-        default=None, description="a joint whose zero only the tip shows, not the board"
+        default=None, description="a joint whose zero can be seen only at the tip, not on the board"
     )
     tip_clicks: tuple[TipClick, ...] = Field(
         default=(), strict=False, description="tables [[camera.tip_clicks]]"

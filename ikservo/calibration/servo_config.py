@@ -113,12 +113,9 @@ def expected_registers(
 ) -> dict[str, int]:
     """Compute the expected registers of a servo.
 
-    Args:
-        config: The present configuration of the servo; values are kept if possible.
-        offset: The homing offset.
-        limits: Position limits, raw; None keeps the present ones if they still correspond to the
-            same positions, and otherwise opens them.
-        extended: Whether the servo must count beyond one revolution.
+    Values of ``config`` are kept if possible. Without limits, the present ones are kept if they
+    still correspond to the same positions, and otherwise opened. An ``extended`` servo must count
+    beyond one revolution.
     """
     held = dict(config.registers)
     if config.table.family is Family.FEETECH_STS:
@@ -144,12 +141,7 @@ def expected_registers(
 class RegisterMismatch:
     """A register that differs from its value when the arm was calibrated.
 
-    Attributes:
-        joint: The servo's joint.
-        servo_id: The servo id.
-        register: The name of the register; ``model`` for the servo itself.
-        expected: The value in the file.
-        found: The value in the servo.
+    The name ``model`` stands for the servo itself.
     """
 
     joint: str
@@ -172,7 +164,7 @@ def register_mismatches(
     for joint in calibration.joints:
         for servo in joint.servos:
             if servo.id not in config:
-                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "not of this arm")
+                yield RegisterMismatch(joint.name, servo.id, "id", str(servo.id), "absent")
             else:
                 yield from _servo_mismatches(joint.name, servo, config[servo.id])
 

@@ -125,14 +125,8 @@ def commit(
 
     If this transaction fails, the changes of an earlier temporary one are undone too.
 
-    Args:
-        bus: The servos, torque off.
-        journal_path: The journal during the transaction.
-        path: The calibration file.
-        text: The new content of the file; empty for no file; ignored if temporary.
-        changes: The new registers of the servos.
-        temporary: Whether the changes only serve a search for end stops. The journal then stays
-            until ``roll_back`` or the next ``commit``.
+    An empty text means no file. A ``temporary`` transaction only serves a search for end stops: the
+    text is ignored, and the journal stays until ``roll_back`` or the next ``commit``.
 
     Raises:
         CalibrationError: Writing failed and could not be undone; the message says how to continue.
@@ -218,10 +212,10 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
         if lock and bus.read(change.id, lock, raw=True) == 0:
             bus.write(change.id, lock, 1, raw=True)
     if reached is TransactionProgress.EVERYTHING:
-        _save_file(journal)
+        _write_file(journal, journal.new_text, replace_calibration)
         remove_durably(journal_path)
-        return "An interrupted calibration was complete in the servos; its file has now been saved."
-    _restore_file(journal)
+        return "An interrupted calibration had reached all servos; its file has now been saved."
+    _write_file(journal, journal.old_text, write_atomic)
     remove_durably(journal_path)
     return "An interrupted calibration had not changed anything yet; the previous one is valid."
 
@@ -233,7 +227,7 @@ def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibra
         if calibrating:
             return ""
         raise CalibrationError(
-            "A calibration was interrupted: the servos hold the settings of its search.",
+            "A calibration was interrupted; the servos still have the settings of its search.",
             "Support the arm and undo it: ikservo calibration revert. Or calibrate again: "
             "ikservo calibrate",
         )
@@ -303,17 +297,23 @@ def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
 def _write_servos(bus: ServoBus, journal: Journal) -> None:
     for change in journal.changes:
         update_eeprom(bus, change.id, _register_values(bus, change.id, change.new))
-    _save_file(journal)
+    _write_file(journal, journal.new_text, replace_calibration)
 
 
-def _save_file(journal: Journal) -> None:
+def _restore_servos(bus: ServoBus, journal: Journal) -> None:
+    for change in journal.changes:
+        update_eeprom(bus, change.id, _register_values(bus, change.id, change.old))
+    _write_file(journal, journal.old_text, write_atomic)
+
+
+def _write_file(journal: Journal, text: str, write: Callable[[Path, str], None]) -> None:
     path = Path(journal.path)
     if journal.temporary:
         return
-    if not journal.new_text:
+    if not text:
         remove_durably(path)
-    elif _text_of(path) != journal.new_text:
-        replace_calibration(path, journal.new_text)
+    elif _text_of(path) != text:
+        write(path, text)
 
 
 def _text_of(path: Path) -> str:
@@ -323,22 +323,6 @@ def _text_of(path: Path) -> str:
     require_file(path)
     with path.open(encoding="utf-8", errors="replace") as file:
         return file.read(MAX_BYTES)
-
-
-def _restore_servos(bus: ServoBus, journal: Journal) -> None:
-    for change in journal.changes:
-        update_eeprom(bus, change.id, _register_values(bus, change.id, change.old))
-    _restore_file(journal)
-
-
-def _restore_file(journal: Journal) -> None:
-    path = Path(journal.path)
-    if journal.temporary:
-        return
-    if not journal.old_text:
-        remove_durably(path)
-    elif _text_of(path) != journal.old_text:
-        write_atomic(path, journal.old_text)
 
 
 def _unfinished_error() -> CalibrationError:

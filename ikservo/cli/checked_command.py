@@ -53,7 +53,7 @@ class CheckedCommand(TyperCommand):
         return [each for each in self.params if each.param_type_name == "argument"]
 
     def _with_arm_as_option(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Return arguments with a bare arm name moved behind --arm."""
+        """Return arguments with a bare arm name turned into the option ``--arm NAME``."""
         arguments = self._arguments()
         takes_arms = bool(arguments) and "ARM" in str(arguments[0].metavar)
         if takes_arms or _split_arm_option(args)[0] or "--help" in args:
@@ -79,12 +79,12 @@ def _check_numbers(ctx: Any, parameter: Any, value: object) -> None:  # noqa: AN
             _check_numbers(ctx, parameter, each)
     elif isinstance(value, float | int) and not abs(value) <= _LARGEST_NUMBER:
         raise typer.BadParameter(
-            f"{value:g} is not a number between ±{_LARGEST_NUMBER:g}.", ctx=ctx, param=parameter
+            f"{value:g} is not a number within ±{_LARGEST_NUMBER:g}.", ctx=ctx, param=parameter
         )
 
 
 def _split_arm_option(args: list[str]) -> tuple[str, list[str]]:
-    """Return the value of ``--arm``, empty without it, and the other arguments."""
+    """Return the value of ``--arm`` (empty if it is missing) and the other arguments."""
     for place, arg in enumerate(args):
         if arg.startswith("--arm="):
             return arg.partition("=")[2], [*args[:place], *args[place + 1 :]]

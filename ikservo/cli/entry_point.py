@@ -54,18 +54,13 @@ _NO_PORT = frozenset(("arms", "ports", "sim", "solve", "workspace"))
 
 
 def with_connection_options(hint: str, args: Sequence[str]) -> str:
-    """Return a hint with the user's arm and port in its commands.
-
-    Args:
-        hint: A sentence with commands in it.
-        args: The command line after ``ikservo``.
-    """
+    """Return a hint with the user's arm and port, from ``args``, in its commands."""
     arm, port = _arm_from_arguments(args), _option_value("--port", args)
     return COMMAND.sub(lambda found: _with_arm_and_port(found[1], found[2], arm, port), hint)
 
 
 def _with_arm_and_port(name: str, arguments: str, arm: str, port: str) -> str:
-    """Return a command with arm and port, if it accepts them and has none."""
+    """Add arm and port to a command that accepts them and does not name them yet."""
     if "--help" in arguments:
         return f"ikservo {name}{arguments}"
     if arm and name in _ARM_AS_ARGUMENT:
@@ -90,7 +85,7 @@ def _with_arm_argument(arguments: str, place: int, arm: str) -> str:
 
 
 def _arm_from_arguments(args: Sequence[str]) -> str:
-    """Return the arm of a command, given as option or positional argument; empty without one."""
+    """Return the arm of a command, given as option or positional argument; empty if missing."""
     from_option = _option_value("--arm", args)
     if from_option or not args:
         return from_option
@@ -107,7 +102,7 @@ def _arm_from_arguments(args: Sequence[str]) -> str:
 
 
 def _option_value(name: str, args: Sequence[str]) -> str:
-    """Return the value of an option, given as ``--arm x`` or ``--arm=x``; empty without it."""
+    """Return the value of an option, given as ``--arm x`` or ``--arm=x``; empty if missing."""
     for arg, value in zip_longest(args, args[1:], fillvalue=""):
         if arg == name:
             return value
@@ -124,12 +119,7 @@ _NEGATIVE = re.compile(r"^-(?=\.?\d|inf|nan)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """Result of a command.
-
-    Attributes:
-        code: The exit code.
-        interrupted: Whether Ctrl-C stopped it.
-    """
+    """Exit code of a command, and whether Ctrl-C stopped it."""
 
     code: int
     interrupted: bool = False
@@ -160,14 +150,7 @@ def console() -> NoReturn:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run one command.
-
-    Args:
-        args: The command line after ``ikservo``; None uses that of this process.
-
-    Returns:
-        The exit code, see ``ExitCode``.
-    """
+    """Run one command, by default of this process; return its ``ExitCode``."""
     return _run_and_report(sys.argv[1:] if args is None else args).code
 
 
@@ -261,6 +244,7 @@ def _run_command(args: list[str]) -> int:
         if explain is None:
             raise
         message = str(explain()).replace("\N{MINUS SIGN}", "-").strip()
+        message = message.replace(": Value error, ", ": ")  # typer's prefix of a wrong choice
         if not message:  # no arguments: the help has been printed
             return ExitCode.USAGE
         path = getattr(getattr(error, "ctx", None), "command_path", "ikservo")

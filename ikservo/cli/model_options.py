@@ -55,10 +55,6 @@ class PostureOptions:
 
         A pose sets a preferred position for every joint; single joints may then override it.
 
-        Args:
-            model: The model with the poses and the units of the joints.
-            chain: The joints of the posture.
-
         Raises:
             BadValueError: A weight is not a number of at least 0, or something is given twice.
             InputError: Invalid text, or a weight of a joint without a preferred position.
@@ -83,7 +79,7 @@ class PostureOptions:
             if weights[joint] == 0.0:
                 name = chain.names[joint]
                 raise InputError(
-                    f"--weight {name}={text}: nothing is preferred for {name}.",
+                    f"--weight {name}={text}: there is no preferred position for {name}.",
                     f"Give --prefer {name}=POSITION, or a pose, as well.",
                 )
             try:
@@ -122,7 +118,7 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
     from ikservo.planning.calibrated_arm import calibrated_model  # noqa: PLC0415  # loads the servo modules
 
     own = calibrated_model(model)
-    older = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
+    older = f" (the newest; older files: {len(own.others)})" if own.others else ""
     print_status(f"Limits from calibration: {own.file}{older}")
     return own.model
 
@@ -144,13 +140,7 @@ def limit_sources(model: Model) -> list[str]:
 
 
 def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:
-    """Print a note if the target leaves no choice for a preferred posture.
-
-    Args:
-        chain: The arm.
-        q: The joints (dof,) that were found.
-        directed: Whether the target has a direction in addition to its position.
-    """
+    """Print a note if the target leaves no choice for a preferred posture."""
     J = chain.jacobian(q)
     taken = int(np.linalg.matrix_rank(J[:3], _RANK_M)) + (2 if directed else 0)
     if taken >= chain.dof:

@@ -10,12 +10,12 @@ import typer
 
 from ikservo.arm import MotionPlan, MoveResult, OpenArm
 from ikservo.calibration import JointUnit
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import announce, motion_progress_bar
 from ikservo.cli.options import MotionOptions
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import announce, motion_progress_bar
 from ikservo.cli.terminal import print_lines
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
 from ikservo.planning.motion_plan import NearLimit
@@ -29,15 +29,7 @@ def print_plan(
     *,
     json: bool,
 ) -> None:
-    """Print a plan.
-
-    Args:
-        plan: The motion.
-        model: The arm.
-        goal: Goal positions, rad or m by joint name.
-        change_rad: Rotation of the tool.
-        json: Whether to print one JSON object.
-    """
+    """Print a plan, its goal (rad or m by joint), and the rotation of the tool."""
     if not json:
         joints: dict[str, tuple[float, JointUnit]] = {
             name: (at, model.joint(name).joint_map.unit) for name, at in goal.items()

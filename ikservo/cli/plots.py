@@ -51,10 +51,10 @@ def check_plot_file(file: Path) -> None:
             f"{file} is neither an .svg nor a .png file.", "Give --plot FILE.svg or FILE.png."
         )
     if not file.absolute().parent.is_dir():
-        raise InputError(f"There is no folder {file.parent}.", "Make it, or give another --plot.")
+        raise InputError(f"There is no folder {file.parent}.", "Create it, or choose another file.")
     if find_spec("matplotlib") is None:
         raise IkservoError(
-            "Pictures need matplotlib, which is not installed.",
+            "Plots need matplotlib, which is not installed.",
             f"Install it: {install_command('plot')}",
         )
 
@@ -138,7 +138,7 @@ def plot_error_curves(
     tolerance = Tolerance()
     rows = place.subgridspec(1 if target.only_position else 2, 1)
     axes = figure.add_subplot(rows[0])
-    axes.set_title("Error at each iterate")
+    axes.set_title("Error at each iteration")
     styles = line_styles([name for name, _ in solutions])
     curves_mm = [1000.0 * errors[:, 0] for errors in errors_by_solution]
     _draw_curves(axes, curves_mm, styles, "position error [mm]", 1000.0 * tolerance.position_m)
@@ -147,7 +147,7 @@ def plot_error_curves(
         axes = figure.add_subplot(rows[1], sharex=axes)
         curves_deg = [np.degrees(errors[:, 1]) for errors in errors_by_solution]
         limit_deg = math.degrees(tolerance.orientation_rad)
-        _draw_curves(axes, curves_deg, styles, "angle left [°]", limit_deg)
+        _draw_curves(axes, curves_deg, styles, "orientation error [°]", limit_deg)
     axes.set_xlabel("iteration")
 
 
@@ -193,12 +193,7 @@ def plot_solution(
 ) -> None:
     """Draw the arm at the start and at each solution, and the error along each trace.
 
-    Args:
-        file: The file; ``.svg`` or ``.png``.
-        model: The arm.
-        target: The target.
-        start: Joints (dof,) at the start.
-        solutions: Results with their names; those with a trace get a curve.
+    The suffix of the file is ``.svg`` or ``.png``. Results with a trace get a curve.
     """
     poses = [_PlotPose(*arm_polyline(model, start), "before", _START_STYLE, "-", 4.0)]
     # Later lines are thinner, so that equal ones stay visible.
@@ -277,7 +272,10 @@ def _plot_views(model: Model, poses: Sequence[_PlotPose]) -> list[_PlotView]:
 
     return [
         _PlotView(
-            "From the side, in the arm's own plane", "out from the base axis", "z", into_arm_plane
+            "From the side, in the arm's own plane",
+            "distance from the base axis",
+            "z",
+            into_arm_plane,
         ),
         top,
     ]
@@ -311,13 +309,7 @@ def plot_workspace(
 ) -> None:
     """Draw a slice as one picture, or a volume as its projections from three sides.
 
-    Args:
-        region: The reachable region.
-        model: The arm.
-        home: The joints (dof,) in which the arm is drawn.
-        title: The title of the figure.
-        file: The file; ``.svg`` or ``.png``.
-        point_m: A point (3,) of the base frame to mark, if any.
+    The arm is drawn at ``home`` (dof,); a point (3,) of the base frame is marked, if given.
 
     Raises:
         InputError: The file cannot be written.

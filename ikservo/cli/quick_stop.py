@@ -31,10 +31,7 @@ _NETWORKS = "ikservo.networks"
 
 
 def quick_stop(args: Sequence[str]) -> int | None:
-    """Stop the arms that programs of this user have open.
-
-    Args:
-        args: The command line after ``ikservo stop``.
+    """Stop the arms that programs of this user have open; ``args`` follow ``ikservo stop``.
 
     Returns:
         The exit code; None if the complete command is needed to stop the arm or explain an error:
@@ -55,12 +52,7 @@ def quick_stop(args: Sequence[str]) -> int | None:
 
 
 def _stop_one(arm: str, port: str) -> StopAllResult:
-    """Stop one arm; the result is empty if only the complete ``ikservo stop`` can do it.
-
-    Args:
-        arm: The name of the arm; empty if unknown.
-        port: The given port; empty if none was given.
-    """
+    """Stop an arm by its name or port; the result is empty if only the complete command can."""
     remote = offered_part("stop")
     if remote is not None and port.startswith(f"{remote.scheme}:"):
         return StopAllResult((remote.stop_address(port),))
@@ -130,12 +122,12 @@ def report_stop(found: StopAllResult, *, as_json: bool) -> int:
         for one in found.stopped:
             was = "was moving; stopped" if one.moving else "was not moving"
             if one.latched:
-                was += "; its program moves it again only once the stop is acknowledged there"
+                was += "; acknowledge the stop in its program before it can move again"
             rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
             servos = [f"{label:10}  {', '.join(names)}" for label, names in rows.items() if names]
             print_lines([f"{one.arm} on {format_port(one.port)} {was}", *servos], indent=12)
         for error in found.errors:
-            print_status(f"Not confirmed to be stopped: {error.command_message}")
+            print_status(f"Could not confirm the stop: {error.command_message}")
             print_status(error.command_hint)
     for error in found.errors:
         return error.exit_code

@@ -60,13 +60,7 @@ def print_fields(
 ) -> None:
     """Print a result: one JSON object, or a line for each field with a label.
 
-    Args:
-        schema: The name of the JSON object.
-        result: The result.
-        fields: The fields of the result.
-        json: Whether to print JSON.
-        order: The keys of the lines; if empty, all fields with a label, in their order.
-        width: Width of the labels in characters.
+    ``order`` are the keys of the lines; if it is empty, all fields with a label, in their order.
     """
     if json:
         print_json(schema, **json_values(result, fields))
@@ -91,14 +85,8 @@ def print_records(
 ) -> None:
     """Print results of one kind: one JSON object with a list of them, or a table.
 
-    Args:
-        schema: The name of the JSON object.
-        key: The key of the list.
-        records: The results.
-        fields: The fields of each result.
-        json: Whether to print JSON.
-        order: The keys of the columns; if empty, all fields with a label, in their order.
-        more: Additional fields of the JSON object.
+    ``order`` are the keys of the columns; if it is empty, all fields with a label, in their order.
+    ``more`` are additional fields of the JSON object.
     """
     if json:
         print_json(schema, **more, **{key: [json_values(each, fields) for each in records]})

@@ -45,10 +45,7 @@ def explain_unreachable(chain: Chain, target: Target) -> str:
 def ask_about_millimetres(chain: Chain, position_m: Sequence[float], command: str) -> None:
     """Suggest millimetres on stderr if the arm could reach the point in millimetres.
 
-    Args:
-        chain: The arm.
-        position_m: The point (3,) as interpreted in metres.
-        command: The command to suggest, with ``{}`` for the point.
+    ``command`` has ``{}`` for the point.
     """
     meant = in_millimetres(chain, position_m)
     if meant:
@@ -226,13 +223,7 @@ _RUNS, _ENOUGH_S = 5, 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodResult:
-    """The result of one method for a target.
-
-    Attributes:
-        method: The name of the method.
-        result: The result, with its trace.
-        time_s: The minimum time without a trace, after warm-up.
-    """
+    """The result of one method with its trace, and its best time without one, after warm-up."""
 
     method: str
     result: Result

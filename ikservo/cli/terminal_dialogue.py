@@ -64,13 +64,7 @@ class Operator:
 
     @classmethod
     def of(cls, entries: Sequence[str] | None, *, yes: bool, no_input: bool = False) -> Operator:
-        """Return the operator according to the options of a command.
-
-        Args:
-            entries: The answers of a script; None if there is none.
-            yes: Whether the user has agreed to everything beforehand.
-            no_input: Whether nothing may be asked.
-        """
+        """Return the operator according to the options of a command; a script has ``entries``."""
         scripted = entries is not None
         return cls(
             ScriptedAnswers(entries) if scripted or yes else None,

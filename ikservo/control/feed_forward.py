@@ -40,8 +40,6 @@ class FeedForward:
         columns: The columns of the chain's joints among all joints.
 
     Attributes:
-        parameters: The parameters of the arm.
-        columns: The columns of the chain's joints among all joints.
         dry_lag: Lag of each joint (dof,) behind its goal due to dry friction, rad or m.
     """
 

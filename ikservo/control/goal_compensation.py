@@ -107,12 +107,8 @@ class GoalCompensator:
     ) -> None:
         """Begin a motion at a reference (n,) that the servos hold with the given goals (n,).
 
-        Args:
-            reference: The reference of the joints.
-            goals: The goals that the servos hold.
-            cycle_time_s: Time for which a goal is held until the next one; None keeps the previous
-                one.
-            measured: The measured positions; None uses the reference.
+        Each goal is held for ``cycle_time_s`` (None keeps the previous time). Without measured
+        positions, the reference is used.
         """
         self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
         self._reference_range, self._goal_range = (
@@ -140,12 +136,7 @@ class GoalCompensator:
         """Press rotors against the driving flanks; return whether the motion may begin.
 
         The caller repeats this in each cycle until it returns True, and sends goals for the start
-        in between.
-
-        Args:
-            ahead: The first displacement of the reference (n,), rad or m.
-            measured: The joints (n,).
-            elapsed_s: Time since the last cycle.
+        in between. ``ahead`` is the first displacement of the reference (n,), rad or m.
         """
         if self._preload is None:
             sides = np.zeros_like(ahead)
@@ -164,11 +155,7 @@ class GoalCompensator:
         return direction is None
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
-        """Compute the lowest and highest offsets (n,) at which friction keeps joints at rest.
-
-        Args:
-            positions: The measured positions (n,), rad or m.
-        """
+        """Compute the ends (n,) of the offsets at which friction keeps joints (n,) at rest."""
         at_rest = TrajectoryPoint.at_rest(positions)
         low, high = (self._modelled(at_rest, side) for side in (-1.0, 1.0))
         return low, high

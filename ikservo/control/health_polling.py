@@ -8,14 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import (
+from ikservo.control.joint_reading import (
     JointState,
     load_percent,
     read_alarm_names,
     read_register,
     read_registers,
 )
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 from ikservo.guard import HealthMonitor, OverloadMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus
@@ -235,13 +235,8 @@ def prepare_servos(
 ) -> float:
     """Set limits, arm watchdogs and read all telemetry; repeat if that took too long.
 
-    A watchdog that trips in the meantime resets the limits.
-
-    Args:
-        limits: The limits of the servos.
-        health_poller: Reads the telemetry; None before torque was first switched on.
-        clock: The clock of the bus.
-        horn_rad_s: The top speed of the motion.
+    A watchdog that trips in the meantime resets the limits. The poller is None before torque was
+    first switched on.
 
     Returns:
         The start time of the first cycle, which includes any pause since then.

@@ -79,16 +79,9 @@ class TimeScaler:
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
-        """Process one control cycle and adapt the rate; return the advance of the motion.
+        """Process one control cycle, adapt the rate, and return the advance of the motion, s.
 
         Called once per cycle, before the lag of the joints is checked.
-
-        Args:
-            elapsed_s: Time since the last cycle, by the clock.
-            braking: Whether a stop was requested.
-
-        Returns:
-            The time by which the motion may advance, seconds.
         """
         is_late = elapsed_s - self._cycle_time_s > _LATE_S
         self._late_count = max(0, self._late_count + (1 if is_late else -1))
@@ -151,9 +144,6 @@ class SetpointSampler:
 
     After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
     stopped joints back to its position; then it continues.
-
-    Args:
-        trajectory: The joint motion.
 
     Attributes:
         time_s: The time of the trajectory.

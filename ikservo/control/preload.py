@@ -41,10 +41,7 @@ class Preload:
     def update(self, measured: Vector, direction: Vector, elapsed_s: float) -> Vector | None:
         """Advance one cycle; return the direction of friction (n,), or None when preloaded.
 
-        Args:
-            measured: The joints (n,), rad or m.
-            direction: The direction of friction so far (n,), -1 to 1.
-            elapsed_s: Time since the last cycle.
+        Joints (n,) are in rad or m, directions (n,) of friction from -1 to 1.
         """
         self._for_s += elapsed_s
         moved = self._sides * (measured - self._start)

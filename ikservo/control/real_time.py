@@ -37,9 +37,6 @@ def steady_timing(clock: Clock) -> Generator[None]:
     This thread gets the allowed real-time priority; programs that it starts do not. The garbage
     collector skips existing objects, so that no pause grows with the size of the program. With
     virtual time, nothing changes.
-
-    Args:
-        clock: The clock of the loop.
     """
     if not isinstance(clock, RealClock):
         yield

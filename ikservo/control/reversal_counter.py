@@ -36,13 +36,7 @@ class ReversalCounter:
     def update(
         self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
     ) -> NDArray[np.bool_]:
-        """Process the errors (n,) of one cycle; return a mask of those that have just reversed.
-
-        Args:
-            error: The error of the joints, rad or m.
-            elapsed_s: Time since the last cycle.
-            fresh: Whether each joint (n,) was read.
-        """
+        """Process errors (n,) of one cycle; return a mask of the fresh ones that just reversed."""
         self._since_s = self._since_s + elapsed_s
         beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
         has_reversed = fresh & (beyond < -self._least)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Collection, Generator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -12,7 +12,8 @@ import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.control.drive_feedback import DriveReader
-from ikservo.control.feedback import (
+from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
+from ikservo.control.joint_reading import (
     Feedback,
     JointState,
     read_joint_states,
@@ -20,16 +21,16 @@ from ikservo.control.feedback import (
     read_registers,
     with_retries,
 )
-from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
-from ikservo.control.servo_gains import raise_gains, read_gain_shares
-from ikservo.control.servo_limits import (
+from ikservo.control.servo_gains import LoweredGains, raise_gains, read_gain_shares
+from ikservo.control.stillness import StillnessDetector, read_until_at_rest
+from ikservo.control.stop_requests import StopOutcome, hold_servos
+from ikservo.control.streamed_servos import StreamedServos
+from ikservo.control.watchdog_and_torque_limits import (
     limit_torque,
     read_overload_rule,
     read_torque_share,
 )
-from ikservo.control.stillness import StillnessDetector, read_until_at_rest
-from ikservo.control.stop_requests import StopOutcome, hold_servos
-from ikservo.control.streamed_servos import StreamedServos
+from ikservo.errors import IkservoError
 from ikservo.guard import (
     DrivenJoint,
     HealthLimits,
@@ -67,6 +68,9 @@ class ServoGroup(StreamedServos):
         clock: The clock of the bus.
         health: The limits of temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
+
+    Attributes:
+        gains: Lowers the gains of servos that swing.
     """
 
     def __init__(
@@ -79,6 +83,7 @@ class ServoGroup(StreamedServos):
         gripper: str | None = None,
     ) -> None:
         super().__init__(bus, driven_joints, clock)
+        self.gains = LoweredGains(bus)
         self._gripper, self._sink_time_s = gripper, _SINK_TIME_S
         self._shadow_ids = {name: tuple(ids) for name, ids in shadows.items()}
         self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}
@@ -88,10 +93,8 @@ class ServoGroup(StreamedServos):
         """Set each servo's goal to its position, then switch torque on: nothing moves.
 
         A servo that already holds keeps its goal, because load has pulled its joint slightly below
-        that goal. If enabling fails, the torque of servos that were off is switched off again.
-
-        Args:
-            speed_rad_s: The speed limit of each servo's horn.
+        that goal. If enabling fails, the torque of servos that were off is switched off again. Each
+        horn turns at most at ``speed_rad_s``.
 
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched on.
@@ -153,7 +156,7 @@ class ServoGroup(StreamedServos):
         for error in torque_off(self._bus, (servo_id, *self._shadow_ids.get(joint, ()))).values():
             raise error
 
-    @contextmanager
+    @contextlib.contextmanager
     def tolerate_heat(self) -> Generator[None]:
         """Allow motions of an overheated arm within the block.
 
@@ -164,6 +167,21 @@ class ServoGroup(StreamedServos):
             yield
         finally:
             self._health = usual
+
+    def restore_gains(self) -> None:
+        """Put back gains that are still lowered; joints hold where they are."""
+        if not self.gains.former:
+            return
+        rows = zip(self._ids, self._feedback.latest, strict=True)
+        held = [tick if i in self.gains.former else None for i, tick in rows]
+        with contextlib.suppress(IkservoError):
+            self._send(self._gate.pass_hold(held))
+        for servo_id in list(self.gains.former):
+            try:
+                self.gains.restore(servo_id)
+            except IkservoError as error:
+                text = f"its gains are lowered until the arm is opened again: {error.message}"
+                self.log_warning(f"{self._bus.servos[servo_id]}: {text}")
 
     @property
     def bus(self) -> ServoBus:
@@ -254,11 +272,7 @@ class ServoGroup(StreamedServos):
         return LinkStatistics.of(self._bus.statistics.values())
 
     def profile_speeds(self, horn_rad_s: float) -> Vector:
-        """Return the speeds at which the joints (n,) move to each goal, rad/s or m/s.
-
-        Args:
-            horn_rad_s: Top speed of the motion, or of the requested profile, at the horns.
-        """
+        """Return the speeds of joints (n,) to each goal, rad/s or m/s, at a speed of the horns."""
         return np.array([
             driven.joint_map.unit_per_horn_rad
             * self._limits.profile_speed_rad_s(driven.servo_id, horn_rad_s)
@@ -404,13 +418,8 @@ def wait_until_still(
 ) -> None:
     """Wait until a sinking limp arm is at rest, so that plans start from its final position.
 
-    If the arm falls, the wait ends at once, because torque must come on.
-
-    Args:
-        driven_joints: The joints, each with its servo, limits and speed.
-        feedback: Measures the joints.
-        clock: The clock of the bus.
-        timeout_s: Longest wait, because a hand may be moving the arm.
+    If the arm falls, the wait ends at once, because torque must come on. It also ends after
+    ``timeout_s``, because a hand may be moving the arm.
 
     Raises:
         BusError: A servo does not answer.

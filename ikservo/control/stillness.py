@@ -81,12 +81,7 @@ def read_until_at_rest(
 ) -> StillnessDetector:
     """Read joints (n,) until nothing has moved within the detector's window or time is up.
 
-    Args:
-        detector: The detector; the readings that it needs are spread evenly over its window.
-        read: Measures the joints.
-        clock: The clock.
-        timeout_s: The longest time to wait.
-        ends: Returns whether to stop reading.
+    The readings that the detector needs are spread evenly over its window.
     """
     end_s = clock.now_s() + timeout_s
     while True:

@@ -87,11 +87,9 @@ class StopRequest:
     ) -> Generator[None]:
         """Mark the actions of this thread in the block as one request.
 
-        Args:
-            count: The ``count`` of stops at the request; None for the present one.
-            anew: Whether the request is independent of one that this thread is already executing.
-            withdrawn: Set by the requester to withdraw the request; its planning then ends, as
-                after a stop.
+        ``count`` is that of stops at the request, by default the present one; ``anew`` makes the
+        request independent of one that this thread is executing. Once the requester sets
+        ``withdrawn``, planning ends as after a stop.
         """
         outer = self._marked
         if outer is not None and not anew:
@@ -158,10 +156,7 @@ class StopRequest:
             self.raise_if_set()
 
     def raise_if_set(self, hint: str = "") -> None:
-        """Raise an error if a stop was requested.
-
-        Args:
-            hint: The next step for the user; the usual hint if empty.
+        """Raise an error with a hint (by default the usual one) if a stop was requested.
 
         Raises:
             StoppedError: A stop was requested; the error has the reason.
@@ -223,11 +218,8 @@ def exit_exception(number: int, text: str) -> BaseException:
     """Return the exception that ends the program after a signal; see decision 15.
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
-    pressed Ctrl-C does not go on to its next motion.
-
-    Args:
-        number: The signal; 0 if the program raised ``KeyboardInterrupt`` itself.
-        text: The effect on the arm.
+    pressed Ctrl-C does not go on to its next motion. The number of the signal is 0 if the program
+    raised ``KeyboardInterrupt`` itself.
     """
     if number in (0, signal.SIGINT):
         return KeyboardInterrupt(text)
@@ -263,10 +255,6 @@ def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> N
 
     Once no such motion runs, signals have their default effect again. The program's own handlers
     are kept; only the main thread can set handlers.
-
-    Args:
-        stop_request: Set by the signal.
-        running: Whether the motion is still running.
     """
     _watched_stops[:] = [each for each in _watched_stops if each[1]()]
     _watched_stops.append((stop_request, running))
@@ -306,10 +294,6 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
     If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
     program's own handlers are kept. In threads other than the main one, which receives all signals,
     nothing changes.
-
-    Args:
-        stop_request: Set by the signal.
-        loop_running: Whether a control loop will handle the request in its next cycle.
     """
 
     def request_stop(number: int, _: FrameType | None) -> None:

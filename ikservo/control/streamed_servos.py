@@ -10,12 +10,12 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 import numpy as np
 
 from ikservo.clock import Clock
-from ikservo.control.feedback import Feedback
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.health_polling import HealthPoller, prepare_servos
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.joint_reading import Feedback
 from ikservo.control.stop_requests import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import (
     HeldUpError,
     IkservoError,
@@ -63,8 +63,6 @@ class StreamedServos:
         clock: The clock of the bus.
 
     Attributes:
-        clock: The clock of the bus.
-        driven_joints: The joints, each with its servo, limits and speed.
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
         torque: Whether the servos hold, and whether a control loop is running.
@@ -177,23 +175,13 @@ class StreamedServos:
             raise torque_lost_error(limp)
 
     def begin_compensation(self, cycle_time_s: float) -> None:
-        """Begin a motion at the reference with the present goals.
-
-        Args:
-            cycle_time_s: The time between two goals.
-        """
+        """Begin a motion at the reference with the present goals, each held for a cycle."""
         reference, goals = self.reference(), self.goals()
         self.compensator.begin(reference, goals, cycle_time_s, self._measured)
         self._reference_s, self._uncut = self.clock.now_s(), True
 
     def send_reference(self, point: TrajectoryPoint, advance_s: float, now_s: float) -> bool:
-        """Send the goals that bring the joints to a reference; see ``send_goals``.
-
-        Args:
-            point: The reference (n,), rad or m.
-            advance_s: The time by which the motion was advanced since the last cycle.
-            now_s: The clock's time for which the reference was computed.
-        """
+        """Send the goals for a reference (n,), rad or m, at ``now_s``; see ``send_goals``."""
         elapsed_s = now_s - self._reference_s
         if elapsed_s > STALL_S:  # the joints have come to rest
             self.compensator.begin(self.reference(), self.goals(), measured=self._measured)

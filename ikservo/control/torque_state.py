@@ -88,11 +88,7 @@ class TorqueStateMachine:
             )
 
     def enabling(self, *, was_on: bool) -> None:
-        """Record that torque is about to come on; until all servos have it, the state is unknown.
-
-        Args:
-            was_on: Whether every servo already had its torque on.
-        """
+        """Record that torque is about to come on; until all servos have it, it is unknown."""
         self._first_motion_due = self._first_motion_due or not was_on
         self._at_rest = TorqueState.UNKNOWN
 

@@ -212,7 +212,8 @@ def _read_svg(path: Path, text: str) -> Drawing:
     has_text = any(isinstance(e, svgelements.Text) for e in elements)
     ignored = ("text, which must be converted to paths first",) if has_text else ()
     if not strokes:
-        raise FileFormatError(path, "", "has no lines to draw", "; ".join(ignored) or "paths")
+        expected = "paths; convert text to paths first" if has_text else "paths"
+        raise FileFormatError(path, "", "has no lines to draw", expected)
     points = np.concatenate(strokes)
     if not np.isfinite(points).all():
         raise FileFormatError(path, "", "has points that are not finite")

@@ -66,7 +66,7 @@ def require_file(path: Path) -> None:
     except OSError as error:
         raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
     except ValueError as error:  # a null byte in the path
-        raise FileFormatError(path, "", "cannot be a path") from error
+        raise FileFormatError(path, "", "is not a valid path") from error
     if stat.S_ISDIR(mode):
         raise FileFormatError(path, "", "is a folder", "a file")
     if not stat.S_ISREG(mode):
@@ -75,10 +75,6 @@ def require_file(path: Path) -> None:
 
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
     """Parse the value of a JSON text; refuse a key that appears twice, NaN and Infinity.
-
-    Args:
-        text: The text.
-        parse_int: The function that parses integers; None: all integers are accepted.
 
     Raises:
         ValueError: The text is not valid JSON, or not UTF-8.
@@ -140,9 +136,16 @@ def parse_toml(path: Path, text: str) -> dict[str, Any]:
     # tomllib's time and memory grow with the square of the dots in a key: 128 KiB take gigabytes.
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") > MAX_DOTS and not line.lstrip().startswith("#"):
-            what = "joints or other values" if "{" in line else "decimal fractions or dots in names"
+            what = (
+                "values, such as joint angles"
+                if "{" in line
+                else "decimal fractions or dots in names"
+            )
             found = f"has {line.count('.')} {what}"
-            expected = f"at most {MAX_DOTS} in a line; give a pose a line per joint: deg.NAME = 1.5"
+            expected = (
+                f"at most {MAX_DOTS} in a line; write each joint of a pose in its own line: "
+                "deg.NAME = 1.5"
+            )
             raise FileFormatError(path, f"line {number}", found, expected)
     try:
         return tomllib.loads(text)

@@ -47,7 +47,12 @@ class FileWriteError(IkservoError, OSError):
 
 
 def write_atomic(
-    path: Path, content: str | bytes, *, keep_old: bool = False, private: bool = False
+    path: Path,
+    content: str | bytes,
+    *,
+    keep_old: bool = False,
+    private: bool = False,
+    synced: bool = True,
 ) -> None:
     """Replace a file atomically, or leave it unchanged.
 
@@ -57,9 +62,10 @@ def write_atomic(
     Args:
         path: The file; its folder is created if needed.
         content: The new content; text becomes UTF-8.
-        keep_old: Whether the old content is kept in a file beside it that ends in ``.bak``.
+        keep_old: Whether the old content is kept in a second file, which ends in ``.bak``.
         private: Whether a new file is readable by its owner only. A replaced file keeps its
             permissions.
+        synced: Whether to wait until the file would survive a power cut, which can take seconds.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken; ``changed`` says if it was written.
@@ -67,7 +73,7 @@ def write_atomic(
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        name = _write_beside(path, data, private)
+        name = _write_beside(path, data, private, synced=synced)
         with _removed_if_it_fails(name):
             if keep_old and path.exists():
                 old = _write_beside(path, path.read_bytes(), private)
@@ -75,18 +81,16 @@ def write_atomic(
                     os.replace(old, path.with_name(path.name + BACKUP_SUFFIX))  # noqa: PTH105
                 _sync_folder(path.parent)
             os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
-    with _translating_os_errors(path, changed=True):
-        _sync_folder(path.parent)
+    if synced:
+        with _translating_os_errors(path, changed=True):
+            _sync_folder(path.parent)
 
 
 def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
     """Replace files that belong together, or leave all unchanged if disk space is short.
 
-    All contents are first written to new files beside them, because renaming needs no space.
-
-    Args:
-        files: The content of each file; its folder is created if needed.
-        private: Whether new files and folders are readable by their owner only.
+    All contents are first written to new files in the same folders: renaming needs no space.
+    Folders are created if needed; only the owner can read ``private`` new files and folders.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken; the file is named.
@@ -124,7 +128,7 @@ def make_folder(folder: Path) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Check that a folder is writable, before work whose result is to be stored there.
+    """Check that a folder is writable, before work whose result will be stored in it.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken.
@@ -151,7 +155,8 @@ def remove_durably(path: Path) -> None:
 def exclusive_access(path: Path) -> Generator[None]:
     """Let only one program at a time read and replace a file; other programs wait.
 
-    The lock is a file beside it, because replacing the file changes its inode. The lock file stays.
+    The lock is a second file in the same folder, because replacing the file changes its inode. The
+    lock file is never removed.
     On Windows there is no lock.
 
     Raises:
@@ -204,8 +209,8 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
         raise
 
 
-def _write_beside(path: Path, data: bytes, private: bool) -> str:
-    """Write a new file beside ``path``, with the same permissions; return its name."""
+def _write_beside(path: Path, data: bytes, private: bool, *, synced: bool = True) -> str:
+    """Write a new file next to ``path``, with the same permissions; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
     mode, is_new = 0o600 if private else 0o666, not path.exists()
     if not is_new:
@@ -219,7 +224,8 @@ def _write_beside(path: Path, data: bytes, private: bool) -> str:
             left = memoryview(data)
             while left:
                 left = left[os.write(handle, left) :]
-            os.fsync(handle)
+            if synced:
+                os.fsync(handle)
         finally:
             os.close(handle)
     return name
@@ -258,7 +264,7 @@ def strip_checksum(path: Path, text: str) -> str:
         if path.with_name(path.name + BACKUP_SUFFIX).is_file():
             expected = f"{expected}; the previous one is kept as {BACKUP_SUFFIX}"
         raise FileFormatError(
-            path, "", "is damaged: its checksum does not fit its content", expected
+            path, "", "is damaged: its checksum does not match its content", expected
         )
     return body
 

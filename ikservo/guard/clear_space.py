@@ -37,9 +37,6 @@ _BENDING_STEP_RAD = 0.1
 class RigidBodies:
     """The rigid bodies of an arm: links without a joint between them share a frame.
 
-    Args:
-        body: The arm.
-
     Attributes:
         frames: One row per body, in the format of link rows; see ``kinematics.packed``.
         capsules: The capsules in these frames, with frame numbers instead of link numbers.

@@ -54,7 +54,6 @@ class CollisionChecker:
         things: The names of the things without the table.
         overlap_m: The allowed overlap of each pair (pairs,).
         watched: Whether each pair (pairs,) is checked.
-        sag: The sag of the joints; None for an arm that does not yield.
         bends: Returns the positions of links (n, dof) from those of the joints' sensors; None for
             an arm that is rigid behind them.
     """

@@ -17,12 +17,7 @@ _ERROR_FRACTION = 0.9
 
 
 class TrackingMonitor:
-    """Counts the cycles in which a joint's following error exceeds its limit.
-
-    Args:
-        names: The joints.
-        max_error: The maximum following error of each joint (n,), rad or m.
-    """
+    """Counts the cycles in which a joint's following error exceeds its limit (n,), rad or m."""
 
     def __init__(self, names: Sequence[str], max_error: Vector) -> None:
         self._names, self._max_error = list(names), max_error
@@ -32,12 +27,7 @@ class TrackingMonitor:
     def for_limits(
         cls, limits: Sequence[DrivenJoint], speeds: Sequence[float] | None = None
     ) -> TrackingMonitor:
-        """Return a monitor for joints whose goals keep the gate's maximum lead.
-
-        Args:
-            limits: The joint limits, in the order of the vectors (n,).
-            speeds: Maximum joint speeds in the motion, rad/s or m/s; None for their own.
-        """
+        """Return a monitor for joints (n,) whose goals keep the gate's maximum lead."""
         max_error = [
             _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick
             for driven, speed in zip(limits, speeds or [each.speed for each in limits], strict=True)
@@ -73,7 +63,7 @@ def overweight_error(joints: Sequence[str]) -> RefusedError:
     """Return the error for joints that do not follow because the arm is too heavy for them."""
     hint = "Switch torque off, fold the arm by hand to shorten its reach, then move again."
     too_weak = "the servo is too weak" if len(joints) == 1 else "their servos are too weak"
-    found = f"{_not_following(joints)}; motion stopped: {too_weak}"
+    found = f"{_not_following(joints)}; motion stopped because {too_weak}"
     return RefusedError(f"{found} to lift the arm from this posture.", hint)
 
 

@@ -93,12 +93,7 @@ class StopLatch:
 
 @dataclass(frozen=True, slots=True)
 class PassedGoals:
-    """Goals that passed the gate; they are written, and then committed.
-
-    Attributes:
-        ticks: The goals.
-        time_s: Gate-clock time for which the goals were checked.
-    """
+    """Goals that passed the gate for a time of its clock; they are written, then committed."""
 
     ticks: TickRow
     time_s: float
@@ -141,11 +136,8 @@ class Gate:
     def update_measured(self, ticks: TickRow, time_s: float) -> None:
         """Update the measured positions; joints without a reply are left out.
 
-        Goals must stay within the maximum lead of recent measurements.
-
-        Args:
-            ticks: The measured ticks.
-            time_s: Time of the measurement, by the gate's clock.
+        Goals must stay within the maximum lead of recent measurements. The time is by the gate's
+        clock.
 
         Raises:
             RefusedError: A tick is not an integer, or the time not finite.
@@ -200,11 +192,7 @@ class Gate:
         Steps that are too long for the time since the last command, or for the maximum lead, are
         reduced, all joints by the same fraction. A goal that the joint could not reach within 50 ms
         at full speed is not a late step but a jump; it is returned unchanged, and `pass_goals`
-        refuses it.
-
-        Args:
-            goals: The desired ticks.
-            now_s: The time that will be passed to `pass_goals`.
+        refuses it. The time will be passed to `pass_goals`, too.
 
         Raises:
             RefusedError: A joint would leave its limits or was not measured recently, or a tick is
@@ -239,7 +227,7 @@ class Gate:
         # Elapsed time counts for one step only. This form of the comparison also refuses NaN.
         elif not self._passed_s <= now_s <= clock_s:
             raise RefusedError(
-                f"The goals have the time {now_s} s, which is not between that of the last "
+                f"The time of the goals, {now_s} s, is not between that of the last "
                 f"command, {self._passed_s} s, and now, {clock_s} s.",
                 "Nothing was sent.",
             )
@@ -253,9 +241,7 @@ class Gate:
     def pass_hold(self, ticks: TickRow) -> PassedGoals:
         """Pass goals at which joints hold their positions, even while the arm is stopped.
 
-        Args:
-            ticks: The present goals, the measured positions, or ticks between. A tick outside the
-                limits is clamped to them.
+        The ticks are present goals, measured positions, or between; they are clamped to the limits.
 
         Raises:
             RefusedError: A goal would move a joint; nothing may be sent for any joint.
@@ -315,9 +301,7 @@ class Gate:
     def check_range(self, goals: TickRow, start: Sequence[int]) -> None:
         """Check the final goals of a motion before it begins, without sending anything.
 
-        Args:
-            goals: The final goals, ticks.
-            start: The present ticks; a joint outside its limits may stay, but not move further out.
+        A joint that is outside its limits at ``start`` may stay, but not move further out.
 
         Raises:
             RefusedError: A joint would leave its limits.
@@ -330,7 +314,7 @@ class Gate:
     def _require_row(self, row: Sequence[float | None]) -> None:
         if len(row) != len(self._joints):
             raise RefusedError(
-                f"{len(row)} values do not fit the {len(self._joints)} joints of this arm.",
+                f"{len(row)} values do not match the {len(self._joints)} joints of this arm.",
                 "Nothing was sent.",
             )
 

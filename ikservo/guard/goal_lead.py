@@ -15,18 +15,10 @@ _MAX_AT_REST_LEAD_RAD = 0.2  # at the horn: the largest lead at rest that an arm
 
 
 def at_rest_lead_rad(lifting_lag_rad: float) -> float:
-    """Compute the allowed lead of a goal over the measured horn when nothing moves.
-
-    Args:
-        lifting_lag_rad: The lag of the horn behind its goal while it lifts arm and payload.
-    """
+    """Compute the allowed lead of a goal at rest, from the horn's lag as it lifts the payload."""
     return min(max(lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
 
 
 def moving_lead_rad(horn_rad_s: float) -> float:
-    """Compute the allowed lead of a goal over the horn of a moving joint, without the one at rest.
-
-    Args:
-        horn_rad_s: The top speed of the horn in the motion.
-    """
+    """Compute the allowed lead of a goal over a moving horn, without the one at rest."""
     return min(horn_rad_s * _LEAD_TIME_S, MAX_TRAVEL_RAD)

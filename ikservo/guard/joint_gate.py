@@ -48,11 +48,7 @@ class JointGate:
     `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or on the path back from
     it. A goal of a joint that was not measured recently is also refused.
 
-    Args:
-        driven: The joint.
-
     Attributes:
-        driven: The joint.
         goal: The last goal that was sent; None if no goal is in force.
         measured: The last measured tick; None before the first measurement.
     """
@@ -74,12 +70,7 @@ class JointGate:
         self._ticks_s = min(speed / unit_per_tick, self.driven.max_ticks_s)
 
     def update_measured(self, tick: int, time_s: float) -> None:
-        """Update the measured position.
-
-        Args:
-            tick: The joint position.
-            time_s: Time of the measurement, by the gate's clock.
-        """
+        """Update the measured position at a time by the gate's clock."""
         self.measured, self._measured_s = tick, time_s
 
     def last_goal(self) -> int:
@@ -127,11 +118,6 @@ class JointGate:
         A goal that the joint could not reach within 50 ms at full speed is not a late step but a
         jump: its fraction is 1, and `check_goal` refuses it.
 
-        Args:
-            tick: The goal.
-            elapsed_s: The time since the last goals.
-            now_s: The time.
-
         Raises:
             RefusedError: The goal is outside the limits, or the joint was not measured recently.
         """
@@ -147,11 +133,6 @@ class JointGate:
     def check_goal(self, tick: int, elapsed_s: float, now_s: float) -> None:
         """Check a goal of a motion.
 
-        Args:
-            tick: The goal.
-            elapsed_s: The time since the last goals.
-            now_s: The time.
-
         Raises:
             RefusedError: The goal is outside the limits, too far from the last goal or from the
                 measured joint, or the joint was not measured recently.
@@ -164,7 +145,7 @@ class JointGate:
             raise RefusedError(
                 f"Velocity limit: setpoint step of {step} ticks in {shown_ms:.0f} ms for "
                 f"{self._name} (max {max_step}); stopped.",
-                "Setpoints must not move faster than the fastest speed of the arm file.",
+                "Setpoints must not move faster than the highest speed in the arm file.",
             )
         measured, lead = self._recent_tick(now_s), self._max_lead
         if not min(measured - lead, last) <= tick <= max(measured + lead, last):

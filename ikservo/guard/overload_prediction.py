@@ -78,9 +78,6 @@ class OverloadMonitor:
     The duty of a position loop is ``kp (goal - position)``, which is known one cycle before a
     reading could show it; load readings are also used if there are any.
 
-    Args:
-        driven_joints: The joints.
-
     Attributes:
         rules: The rules by joint; a joint without a rule is not watched.
         relaxes: Whether the goals of pressing joints are pulled back before the protection acts.
@@ -126,13 +123,9 @@ class OverloadMonitor:
         time_s: float,
         references: Sequence[int] | None = None,
     ) -> tuple[str, ...]:
-        """Process the present goals and measured ticks; return new warnings.
+        """Process goals, and ticks of the joints that replied; return new warnings.
 
-        Args:
-            goals: The goals.
-            ticks: The ticks of the joints that replied.
-            time_s: The time of the goals.
-            references: The reference of the joints; None uses the goals.
+        Without references of the joints, the goals are used.
         """
         self._time_s = time_s
         warnings, self._news = self._news, []
@@ -166,7 +159,7 @@ class OverloadMonitor:
                 joint.bound = near
                 self._news.append(
                     f"The load of {name} was reduced {left_s:.1f} s before the servo would "
-                    f"protect itself: its goal stays close to the joint."
+                    f"protect itself; its goal is kept close to the joint's position."
                 )
             if joint.bound is None:
                 continue
@@ -181,10 +174,6 @@ class OverloadMonitor:
 
         A goal that is already near enough is left out. No goal is moved away from the measured
         tick, because causes other than the lag, such as an I gain, may add to the measured load.
-
-        Args:
-            goals: The present goals.
-            ticks: The measured ticks.
         """
         drawn: list[int | None] = [None] * len(goals)
         for name in self.rules:
@@ -243,5 +232,5 @@ class OverloadMonitor:
         joint.warned = True
         return [
             f"{name} presses with {100.0 * output:.0f} % of its output; "
-            f"its servo protects itself from overload in {left_s:.1f} s."
+            f"its servo's overload protection acts in {left_s:.1f} s."
         ]

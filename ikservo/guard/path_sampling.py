@@ -19,13 +19,7 @@ _MAX_HALVINGS = 12  # largest number of times that the interval between two samp
 def sample_path(
     positions_at: Callable[[float], Vector], duration_s: float, top_speed_rad_s: float
 ) -> Matrix:
-    """Sample the joints (k, n) of a trajectory, densely enough for collision checks.
-
-    Args:
-        positions_at: Returns the joints (n,) at a time.
-        duration_s: The duration of the path; both ends are sampled.
-        top_speed_rad_s: The maximum speed of any joint.
-    """
+    """Sample joints (k, n) of a trajectory with its ends, densely enough for collision checks."""
     times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
     return np.array([positions_at(time_s) for time_s in times_s])
 
@@ -33,10 +27,7 @@ def sample_path(
 def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0) -> Matrix:
     """Sample joints (k, n) on the straight line from a start to a goal, including both.
 
-    Args:
-        start: The start (n,), rad or m.
-        goal: The end (n,).
-        unit_per_rad: Joint motion per radian of its servo's horn: 1 rad, or metres.
+    ``unit_per_rad`` is the joint motion per radian of its servo's horn: 1 rad, or metres.
     """
     distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
     return np.linspace(start, goal, _sample_count(distance_rad))

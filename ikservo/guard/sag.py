@@ -16,7 +16,8 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
 from ikservo.model.arm_model import Model
-from ikservo.model.link_masses import joint_compliances, link_masses
+from ikservo.model.joint_drive import joint_compliances
+from ikservo.model.link_masses import link_masses
 
 if TYPE_CHECKING:
     from ikservo.model.scene_file import KeepOutShape
@@ -50,10 +51,6 @@ class GravitySag:
 
     A joint does not sag past its end stops.
 
-    Args:
-        body: The arm.
-        weight: The masses of the arm, and the compliance of its joints.
-
     Attributes:
         masses: Array (links, 4) of mass [kg] and centre in the link's frame [m].
         bounds: Array (3, dof): compliance for the torque at 1 m/s², lower ends, upper ends.
@@ -80,10 +77,7 @@ class GravitySag:
 def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
     """Return the sag of an arm with its gripper under its weight.
 
-    Args:
-        model: The arm.
-        body: The links of the arm, and the things that it holds.
-        held: The things that the arm holds; together they count as the largest payload.
+    The things that it holds together count as the largest payload.
     """
     chain = body.chain
     masses = link_masses(model, chain)

@@ -12,12 +12,7 @@ from ikservo.registers import Alarm
 
 
 class CommunicationMonitor:
-    """Counts the consecutive cycles in which a joint's servo did not reply.
-
-    Args:
-        names: The joints.
-        max_lost: The number of cycles after which an error is raised.
-    """
+    """Counts the consecutive cycles without a servo's reply, up to an error after ``max_lost``."""
 
     def __init__(self, names: Sequence[str], max_lost: int = 3) -> None:
         self._row = dict.fromkeys(names, 0)
@@ -191,7 +186,9 @@ class HealthMonitor:
         high_v = min(servo_high_v, self._limits.high_v)
         voltage_v = telemetry.voltage_v
         if not low_v <= voltage_v <= high_v:
-            found = f"has a supply of {voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
+            found = (
+                f"has a supply voltage of {voltage_v:.1f} V, outside {low_v:.1f} to {high_v:.1f} V"
+            )
             yield _ThresholdFault(found, "Check the power supply and its cable.")
         yield from self._load_faults(telemetry)
 
@@ -226,16 +223,10 @@ _RESET_HINT = (
 def power_lost_error(
     joints: Sequence[str], silent: Sequence[str], *, holds: bool
 ) -> ServoAlarmError | ServoSilentError:
-    """Return the error for an arm that has lost its power during a motion.
-
-    Args:
-        joints: All joints.
-        silent: Joints whose servos do not answer.
-        holds: Whether a servo has switched its torque on again.
-    """
+    """Return the error for an arm that has lost its power during a motion."""
     if len(silent) == len(joints):
-        found = "has most likely lost its power, has fallen and is limp: no servo answers"
-        hint = "Support it: if only the data cable is loose, it still holds. Then check the power."
+        found = "does not answer; it has most likely lost its power, has fallen and is limp"
+        hint = "Support it, then check the power. If only the data cable is loose, it still holds."
         return ServoSilentError(found, hint, servo="The arm")
     now = "and holds where it is now" if holds else "and is limp"
     found = f"has lost its power, has fallen {now}"
@@ -243,7 +234,7 @@ def power_lost_error(
         verb = "does" if len(silent) == 1 else "do"
         found = f"{found}; {', '.join(silent)} {verb} not answer"
         return ServoSilentError(found, _RESET_HINT, servo="The arm")
-    return ServoAlarmError(f"The arm {found}: every servo was reset.", _RESET_HINT)
+    return ServoAlarmError(f"Every servo was reset: the arm {found}.", _RESET_HINT)
 
 
 def say_what_fell(
@@ -254,11 +245,7 @@ def say_what_fell(
 ) -> ServoAlarmError | ServoSilentError:
     """Add to an error which joints have fallen and which hold; return the error.
 
-    Args:
-        error: The error.
-        limp: Joints whose servos answer without torque.
-        caught: Joints whose servos were reset and have torque again.
-        silent: Joints whose servos do not answer.
+    ``limp`` servos answer without torque; ``caught`` ones were reset and have torque again.
     """
     is_known = "limp" in error.command_message
     states = [
@@ -283,5 +270,5 @@ def say_what_fell(
 def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:
     """Return the error for joints whose servos have lost their torque during a motion."""
     were, what = ("was", "joint") if len(joints) == 1 else ("were", "arm")
-    text = f"{', '.join(joints)} {were} reset: torque is off. The {what} is limp and has fallen."
+    text = f"{', '.join(joints)} {were} reset, so torque is off. The {what} is limp and has fallen."
     return ServoAlarmError(text, _RESET_HINT)

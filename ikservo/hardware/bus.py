@@ -48,7 +48,6 @@ class ServoBus(RegisterAccess):
         fast: Whether fast sync read is tried where the family supports it.
 
     Attributes:
-        port: The port.
         servos: The servos by id.
     """
 
@@ -231,12 +230,7 @@ class ServoBus(RegisterAccess):
                 driver.set_return_delay(max(readings.values[i] for i in ids))
 
     def reconnect(self, serial_number: str, within_s: float) -> None:
-        """Reconnect after the adapter was unplugged and plugged in again; nothing moves.
-
-        Args:
-            serial_number: The serial number of the adapter, from ``serial_number_of`` before the
-                loss.
-            within_s: The time to wait for the adapter.
+        """Reconnect to an adapter that was unplugged, by its serial number; nothing moves.
 
         Raises:
             PortLostError: The adapter did not come back in time.

@@ -33,13 +33,7 @@ from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
 
 @dataclass(frozen=True, slots=True)
 class RegisterDifference:
-    """A register whose value differs from the expected one.
-
-    Attributes:
-        register: The register.
-        found: The raw number in the register.
-        expected: The raw number that should be in the register.
-    """
+    """A register whose raw number differs from the expected one."""
 
     register: Register
     found: int
@@ -186,11 +180,9 @@ class Backup:
 
 
 def backup_path(owner: str, servo: ServoSpec) -> Path:
-    """Return the file of a servo's first EEPROM copy.
+    """Return the file of a servo's first EEPROM copy; the owner is an arm or an adapter's number.
 
-    Args:
-        owner: The arm's name, or the serial number of the adapter.
-        servo: The servo; another model with the same id has a separate file.
+    Another model with the same id has a separate file.
     """
     folder = re.sub(r"[^A-Za-z0-9_-]", "_", owner) or "_"
     return config_dir() / "backups" / folder / f"id_{servo.id:03}_{servo.table.model_name}.toml"
@@ -199,10 +191,7 @@ def backup_path(owner: str, servo: ServoSpec) -> Path:
 def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = None) -> list[Path]:
     """Write a copy of the EEPROM of each servo that has no copy yet; return the new files.
 
-    Args:
-        bus: The bus.
-        owner: The arm's name, or the serial number of the adapter; empty: no copies are made.
-        servo_ids: The servos; None: all servos on the bus.
+    The owner is the arm's name or the serial number of the adapter; if empty, nothing is copied.
 
     Raises:
         BusError: A servo does not reply; the servos before it have been copied.

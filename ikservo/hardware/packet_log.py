@@ -52,12 +52,7 @@ class LoggedBytes:
 
 
 def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
-    """Return a transport that records its bytes.
-
-    Args:
-        transport: Carries the bytes.
-        path: The file to which they are appended.
-        name: The name of the port.
+    """Return a transport that appends its bytes to a file.
 
     Raises:
         FileFormatError: The file exists and is not a regular file.

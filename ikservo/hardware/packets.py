@@ -59,12 +59,7 @@ Reply = Status | ReplyFault
 
 @dataclass(frozen=True, slots=True)
 class MemoryRange:
-    """A range of a servo's memory.
-
-    Attributes:
-        address: First byte.
-        size: Number of bytes.
-    """
+    """A range of a servo's memory: ``size`` bytes from ``address`` on."""
 
     address: int
     size: int
@@ -106,13 +101,7 @@ MAX_RETURN_DELAY_S = 254 * 2e-6
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """A status packet whose checksum is right.
-
-    Attributes:
-        servo_id: The sender.
-        error: The error byte.
-        data: The parameters.
-    """
+    """A status packet whose checksum is right: its sender, error byte and parameters."""
 
     servo_id: int
     error: int
@@ -147,23 +136,14 @@ class PacketCodec(Protocol):
         ...
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-        """Find the status packets.
-
-        Args:
-            data: The bytes so far.
-            sizes: Bytes of data in the expected replies.
-            final: Whether no more bytes will come.
-        """
+        """Find the status packets of the expected data sizes; ``final``: no more bytes come."""
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
         """Parse the bytes if they are exactly the expected replies, without errors and in order.
 
-        This is the fast path for a healthy line; ``scan`` handles everything else.
-
-        Args:
-            data: The bytes, as many as the replies have.
-            sizes: Bytes of data of each reply, by servo id in the order of the replies.
+        This is the fast path for a healthy line; ``scan`` handles everything else. ``sizes`` are
+        bytes of data by servo id, in the order of the replies.
         """
         ...
 

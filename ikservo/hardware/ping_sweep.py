@@ -31,15 +31,7 @@ class _PacketScanner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """A packet framing.
-
-    Attributes:
-        name: Name for messages.
-        families: The protocol families that use it.
-        ids: The ids that a servo can have.
-        ping_bytes: Length of the ping.
-        reply_bytes: Length of the reply.
-    """
+    """A packet framing, its protocol families, and the lengths of a ping and its reply."""
 
     name: str
     families: tuple[Family, ...]
@@ -139,14 +131,9 @@ def ping_ids(
 ) -> PingResults:
     """Ping ids one after the other at the port's baud rate.
 
-    Args:
-        port: The port.
-        framing: The packet framing.
-        servo_ids: The ids to ping; an id may occur several times.
-        on_ping: Called with the number of pings sent so far.
-        echoes: Whether the adapter echoes; None detects it, which takes several ids.
-        one_by_one: Whether to wait for each reply, and briefly for a second one, and to stop if the
-            first pings have no reply.
+    An id may occur several times. If ``echoes`` is None, echoes are detected, which takes several
+    ids. With ``one_by_one``, each reply and briefly a second one are awaited, and the sweep ends if
+    the first pings have no reply.
 
     Raises:
         PortLostError: The port is lost.

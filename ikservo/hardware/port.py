@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
-from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
+from ikservo.hardware.late_replies import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
 # The vendors' packet handlers call these methods by their camelCase names.
@@ -71,12 +71,7 @@ class SdkPort:
         return count * _BITS_PER_BYTE / self.baudrate
 
     def expected_at_s(self, expected: int, delays_s: float) -> float:
-        """Return the time at which the reply to the last packet is complete if nothing is late.
-
-        Args:
-            expected: Bytes of the reply.
-            delays_s: Sum of the servos' return delays, seconds.
-        """
+        """Return when the reply to the last packet is complete, after the servos' return delays."""
         return max(self.sent_all_s, self.clock.now_s()) + self.wire_s(expected) + delays_s
 
     def read_until(self, size: int, deadline_s: float) -> bytes:
@@ -217,7 +212,7 @@ class SdkPort:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if isinstance(self.transport, _ForeignTransport):
             return PortError(
-                f"{self.name} was opened before this process was forked, by its parent.",
+                f"{self.name} was opened by the parent process before the fork.",
                 "Open the port in the process that uses it, after the fork.",
             )
         # Systems and pyserial report an unplugged device differently.
@@ -278,12 +273,7 @@ class Port(SdkPort):
         return not (self.health.suspect or self.pending.any_pending)
 
     def on_reply(self, received: bytes | bytearray, reply_bytes: int) -> None:
-        """Update timing and echo detection from a complete reply.
-
-        Args:
-            received: Everything that came since the request.
-            reply_bytes: Bytes of the replies themselves.
-        """
+        """Update timing and echo detection from all that was received with a complete reply."""
         if self.sent in received[: len(received) - reply_bytes]:
             self.echoes = True
         elif len(received) == reply_bytes:  # nothing else came, not even half an echo
@@ -374,13 +364,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     """Open a port by its name, see ``open_transport``.
 
     If this process already has the device open for other servos at the same rate, the port is
-    shared; requests then wait for each other.
-
-    Args:
-        name: The port.
-        baud_rate: Rate in bit/s.
-        arm: The name of the arm for which it is opened.
-        servo_ids: The servos of this arm; without them the port is not shared.
+    shared; requests then wait for each other. Without ids of this arm's servos, it is not shared.
 
     Raises:
         PortError: The port does not exist, is busy or may not be opened.
@@ -427,6 +411,6 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
         )
     if any(other.arm == own.arm for other in others):
         raise PortError(
-            f"An arm named {own.arm} is open at {port.name}, with other servos.",
+            f"An arm named {own.arm} is open on {port.name} with other servos.",
             "Give each arm on an adapter its own name in arm.toml.",
         )

@@ -29,10 +29,6 @@ def choose_port(name: str | None, arm: str = "") -> str:
     The candidates, in this order, are: the named port; ``IKSERVO_PORT``; the adapter on which this
     arm was last found, known by its USB serial number; the only port, if there is only one.
 
-    Args:
-        name: The port given by the user, if any.
-        arm: The arm's name, if one is given.
-
     Raises:
         NoPortError: There is no port, or more than one to choose from.
     """
@@ -62,10 +58,6 @@ def is_simulator(name: str) -> bool:
 
 def simulated_port_url(name: str, arm_file: Path | None) -> str:
     """Return the simulator's URL for the arm; options as in ``sim:?seed=3`` are passed on.
-
-    Args:
-        name: The port.
-        arm_file: The file of the simulated arm.
 
     Raises:
         InputError: A bus is to be simulated, but no arm is named, or the options are invalid.

@@ -80,12 +80,6 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
 
     An adapter without a serial number is reopened under its old name only.
 
-    Args:
-        port: The port that was lost.
-        serial_number: From ``serial_number_of``, before the loss.
-        within_s: The time to wait for the adapter.
-        clock: The clock for the wait; the real one if None.
-
     Raises:
         PortLostError: The adapter did not come back in time.
     """

@@ -161,7 +161,7 @@ class RegisterAccess:
             self.write(servo_id, register, raw, raw=True)
             return
         if lock is None or not self.read(servo_id, lock, raw=True):
-            raise RegisterAccessError(str(servo), register.name, "it would be stored")
+            raise RegisterAccessError(str(servo), register.name, "the EEPROM would store the value")
         data = encode_value(servo, register, raw, raw=True)
         driver = self._requester.driver_of(servo)
         self._requester.request(
@@ -257,11 +257,8 @@ class RegisterAccess:
         On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
         must be the servo's position. A servo whose torque was off and is not known to be on after
         the block is switched off, in case its goal switched it on; if the block fails, this is done
-        for all such servos.
-
-        Args:
-            measured: The present position of each servo, raw ticks by id, read just before,
-                together with its torque.
+        for all such servos. ``measured`` are raw ticks by id, read just before, together with the
+        torque.
 
         Raises:
             StoppedError: Another program has stopped this one; see ``check_may_move``.
@@ -324,7 +321,7 @@ class RegisterAccess:
                 return
             self._refuse_waking(servo, register)
         if abs(goal_tick - measured_tick) > MAX_ENABLING_TICKS:
-            reason = f"{goal_tick} is far from {measured_tick}, where torque is switched on"
+            reason = f"{goal_tick} is too far from {measured_tick}, where torque is switched on"
             raise RegisterAccessError(str(servo), register.name, reason)
 
     @staticmethod

@@ -49,12 +49,7 @@ def _extends_run(last: Register, register: Register, gap: int) -> bool:
 def batches(
     own: Mapping[int, Collection[Register]], gap: int = 0
 ) -> Iterator[dict[int, list[Register]]]:
-    """Yield, for each request, the run of registers to read from each servo.
-
-    Args:
-        own: The registers to read from each servo, by id.
-        gap: See ``contiguous_runs``.
-    """
+    """Yield, for each request, the registers of each servo in a run; see ``contiguous_runs``."""
     runs = {servo_id: contiguous_runs(registers, gap) for servo_id, registers in own.items()}
     for k in range(max((len(r) for r in runs.values()), default=0)):
         yield {servo_id: r[k] for servo_id, r in runs.items() if k < len(r)}
@@ -78,13 +73,7 @@ def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
 
 
 def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: bool) -> bytes:
-    """Encode the bytes that write a value.
-
-    Args:
-        servo: The owner of the register, for messages.
-        register: The servo's own register.
-        value: Value in the register's unit, or its integer.
-        raw: Whether the value is the raw integer.
+    """Encode the bytes that write a value in the register's unit, or its ``raw`` integer.
 
     Raises:
         RegisterAccessError: The register is read-only or the value does not fit.

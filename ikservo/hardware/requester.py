@@ -60,11 +60,7 @@ def make_driver(
 ) -> ProtocolDriver:
     """Make a driver for a family of servos; the vendor's SDK is imported on this call.
 
-    Args:
-        family: The protocol family.
-        port: The port.
-        fast: Whether the family's fastest group read is tried first.
-        bulk_ids: Servos of protocol 1.0 that support bulk read.
+    Servos in ``bulk_ids`` have protocol 1.0 and support bulk read.
     """
     if family is Family.DYNAMIXEL_2:
         from ikservo.hardware.protocols.dynamixel import DynamixelDriver  # noqa: PLC0415
@@ -82,13 +78,7 @@ def make_driver(
 def silence_hint(
     chain: Iterable[ServoSpec], replying: Collection[int], silent: Collection[int]
 ) -> str:
-    """Return a hint on what to check, based on which servos reply.
-
-    Args:
-        chain: The servos in their order along the cable.
-        replying: Ids that replied.
-        silent: Ids that did not reply.
-    """
+    """Return a hint on what to check, based on which servos along the cable reply."""
     requested = [servo for servo in chain if servo.id in replying or servo.id in silent]
     if not replying:
         return (
@@ -100,14 +90,14 @@ def silence_hint(
     if first and all(servo.id in silent for servo in requested[first:]):
         replying_ids = [servo.id for servo in requested if servo.id in replying]
         return (
-            f"{_describe_silent(silent_ids)}, {_format_ids(replying_ids)} "
-            f"{'answers' if len(replying_ids) == 1 else 'answer'}: "
-            f"check the cable from {_servo_label(requested[first - 1])} "
+            f"{_describe_silent(silent_ids)}; {_format_ids(replying_ids)} "
+            f"{'answers' if len(replying_ids) == 1 else 'answer'}. "
+            f"Check the cable from {_servo_label(requested[first - 1])} "
             f"to {_servo_label(requested[first])}."
         )
     its = "its" if len(silent_ids) == 1 else "their"
     return (
-        f"{_describe_silent(silent_ids)}, the others do. Check {its} connector, id and baud rate."
+        f"{_describe_silent(silent_ids)}; the others do. Check {its} connector, id and baud rate."
     )
 
 
@@ -176,13 +166,8 @@ class Requester:
     ) -> bytes:
         """Send one request, with retries.
 
-        Args:
-            servo: The servo.
-            request: Description of the request, for errors.
-            exchange: Sends the request once and returns the reply.
-            repeat: Whether it may be repeated after a lost reply. If not, it is sent only when no
-                older reply can be mistaken for its own.
-            confirm: Checks a doubtful reply.
+        A request that may not be repeated is sent only when no older reply can be mistaken for its
+        own. ``confirm`` checks a doubtful reply; errors name the ``request``.
 
         Raises:
             BusError: There was no usable reply, or the servo refused.

@@ -155,14 +155,7 @@ _COMMON_RATES = (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000, 50
 
 @dataclass(frozen=True, slots=True)
 class ScanProgress:
-    """Progress of a scan.
-
-    Attributes:
-        baud_rate: The current rate.
-        protocol: The current framing.
-        pinged: Ids pinged so far at this rate and framing.
-        ids: The number of ids.
-    """
+    """Progress of a scan: ids pinged so far at this rate and framing, and their number."""
 
     baud_rate: int
     protocol: str
@@ -175,11 +168,7 @@ OnScanStep = Callable[[ScanProgress], None]
 
 
 def candidate_baud_rates(first: int | None = None) -> list[int]:
-    """Return every rate that a known model supports, the likely ones first.
-
-    Args:
-        first: A rate to begin with.
-    """
+    """Return every rate that a known model supports: ``first``, if given, then the likely ones."""
     known = frozenset[int]().union(*(framing.baud_rates for framing in FRAMINGS))
     rates = [first] if first else []
     rates += [rate for rate in _COMMON_RATES if rate in known]
@@ -195,13 +184,8 @@ def scan(
 ) -> list[FoundServo]:
     """Return the servos that reply, at the first rate at which any servo does.
 
-    The port is left at the rate of the last servo that was found.
-
-    Args:
-        port: The port.
-        rates: Rates to try, in this order; None: all known rates.
-        all_rates: Whether to continue to the last rate.
-        on_step: Called with the progress.
+    The port is left at the rate of the last servo that was found. ``all_rates`` continues to the
+    last of the rates, by default all known ones.
 
     Raises:
         PortLostError: The port is lost.
@@ -274,13 +258,7 @@ def scan_port(
     all_rates: bool = False,
     on_step: OnScanStep | None = None,
 ) -> list[FoundServo]:
-    """Open a port, return the servos that reply on it, and close it.
-
-    Args:
-        name: The port.
-        rates: Baud rates, tried in this order.
-        all_rates: Whether to continue after the first rate at which servos reply.
-        on_step: Called with the progress.
+    """Open a port, return the servos that reply on it, and close it; see ``scan``.
 
     Raises:
         PortError: The port cannot be opened, or is lost.

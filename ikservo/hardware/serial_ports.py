@@ -135,12 +135,7 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
 
 
 def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterator[AdapterEvent]:
-    """Yield an event whenever an adapter is plugged in or unplugged; never ends.
-
-    Args:
-        clock: The clock; the real one if None.
-        period_s: Time between two polls.
-    """
+    """Yield an event whenever an adapter is plugged in or unplugged; never ends."""
     clock, before = clock or RealClock(), list_adapters()
     while True:
         clock.sleep_until(clock.now_s() + period_s)
@@ -198,7 +193,7 @@ def line_hint(port_name: str, hint: str) -> str:
     if not is_pseudo_terminal(port_name):
         return hint
     return (
-        "A simulated bus has no plugs: reduce the computer's load, then check the ids and the "
+        "A simulated bus has no plugs. Reduce the computer's load, then check the ids and the "
         "options of the simulator."
     )
 
@@ -209,13 +204,7 @@ _URL_FORMATS = "a network port is written as socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Return an error that explains why a port did not open and what the user can do.
-
-    Args:
-        name: The name that the user gave.
-        baud_rate: The requested rate.
-        error: The error of the system or of pyserial.
-    """
+    """Return an error that explains why a port did not open and what the user can do."""
     code = error.errno if isinstance(error, OSError) else None
     if code in _BUSY:
         return PortBusyError(name, process_using(name))
@@ -263,7 +252,7 @@ def _permission_hint(name: str) -> str:
     with contextlib.suppress(OSError, KeyError):
         group = Path(name).group()
     return (
-        f"Add yourself to its group, then log in again: sudo usermod -aG {group} $USER "
+        f"Add yourself to the port's group, then log in again: sudo usermod -aG {group} $USER "
         '(or a udev rule with TAG+="uaccess").'
     )
 

@@ -14,13 +14,7 @@ from ikservo.registers import Alarm, ControlTable
 
 @dataclass(frozen=True, slots=True)
 class ServoSpec:
-    """A servo that is expected on the bus.
-
-    Attributes:
-        id: The bus id.
-        table: The control table.
-        name: The joint name, for messages.
-    """
+    """A servo that is expected on the bus; its name, that of the joint, is for messages."""
 
     id: int
     table: type[ControlTable]
@@ -32,13 +26,7 @@ class ServoSpec:
 
 @dataclass(frozen=True, slots=True)
 class PingResult:
-    """The identity that a servo reports.
-
-    Attributes:
-        id: The id that replied.
-        model_number: The model register.
-        firmware: Firmware version, if the protocol's ping reply contains it.
-    """
+    """The identity that a servo reports; not every protocol reports the firmware version."""
 
     id: int
     model_number: int

@@ -45,8 +45,8 @@ def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int
     """
     if kept_tick != goal_tick:
         raise ServoRejectedError(
-            f"keeps goal {kept_tick} instead of {goal_tick}, its position",
-            "Move the joint by hand into its limits; torque stays off.",
+            f"keeps goal {kept_tick} instead of its position, {goal_tick}",
+            "Move the joint by hand back within its limits; torque stays off.",
             servo=str(bus.servos[servo_id]),
             servo_id=servo_id,
             port=bus.port.name,
@@ -54,12 +54,7 @@ def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int
 
 
 def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
-    """Find the tick nearest to ``tick`` that a servo accepts as a goal.
-
-    Args:
-        joint: Name for messages.
-        tick: The servo position.
-        accepted: See ``accepted_goal_range``.
+    """Find the tick nearest to ``tick`` that a servo accepts; see ``accepted_goal_range``.
 
     Raises:
         RefusedError: The joint is far outside its servo's limits; torque stays off.
@@ -69,7 +64,7 @@ def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
     if abs(goal - tick) > MAX_ENABLING_TICKS:
         raise RefusedError(
             f"{joint} is at tick {tick}, far outside the range of its servo, {low} to {high}.",
-            "Move the joint by hand into its limits; torque stays off.",
+            "Move the joint by hand back within its limits; torque stays off.",
         )
     return goal
 
@@ -97,11 +92,7 @@ def goal_range_registers(table: type[ControlTable]) -> tuple[RegisterName, ...]:
 
 
 def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> tuple[int, int]:
-    """Return the lowest and the highest goal that a servo accepts.
-
-    Args:
-        servo: The servo.
-        held: The raw numbers of its ``goal_range_registers``.
+    """Return the lowest and highest goal that a servo accepts, by its ``goal_range_registers``.
 
     Raises:
         RefusedError: The servo is not in a position mode: with torque on, it would turn without
@@ -156,7 +147,7 @@ def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
     if lower_v <= voltage_v <= upper_v:
         return voltage_v
     raise ServoAlarmError(
-        f"{bus.servos[servo_id]} has a supply of {voltage_v:.1f} V; "
+        f"{bus.servos[servo_id]} has a supply voltage of {voltage_v:.1f} V; "
         f"its own limits are {lower_v:.1f} to {upper_v:.1f} V.",
         "Check the power supply; torque stays off.",
     )

@@ -18,10 +18,6 @@ from ikservo.remedies import pip_command
 def importing_from(distribution: str, module: str) -> Generator[None]:
     """Report a module that cannot be imported as a damaged installation.
 
-    Args:
-        distribution: The package on PyPI that provides the module for ikservo.
-        module: The module.
-
     Raises:
         IkservoError: An import in the block has failed.
     """
@@ -32,7 +28,7 @@ def importing_from(distribution: str, module: str) -> Generator[None]:
         others = sorted(found - {distribution})
         remove = f"{pip_command('uninstall --yes')} {' '.join(others)} && " if others else ""
         raise IkservoError(
-            f"The Python module {module} of {distribution} is damaged or replaced"
+            f"The Python module {module} of {distribution} is damaged or was replaced"
             + (f" by {' and '.join(others)}." if others else f": {error}."),
             f"Repair it: {remove}{pip_command('install --force-reinstall')} {distribution}",
         ) from error

@@ -175,7 +175,9 @@ def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
         shape = (chain.dof,) if given.ndim == 1 else (count, chain.dof)
         starts = np.broadcast_to(finite_array(given, shape, "q0s"), (count, chain.dof))
     if starts.size and float(np.abs(starts).max()) > MAX_ANGLE_RAD:
-        raise BadValueError("A start", f"{np.abs(starts).max():g}", "radians or metres to 1e6")
+        raise BadValueError(
+            "A start", f"{np.abs(starts).max():g}", "radians or metres, at most 1e6"
+        )
     return np.array(starts, order="C")
 
 

@@ -272,6 +272,6 @@ class Solver:
         """Raise the error for a target that the kernel did not accept."""
         start = finite_vector(q0, self.chain.dof, "q0")
         if float(np.abs(start).max()) > MAX_ANGLE_RAD:
-            raise BadValueError("q0", start.tolist(), "radians or metres to 1e6")
+            raise BadValueError("q0", start.tolist(), "radians or metres, at most 1e6")
         check_position(finite_array(T, (4, 4), "T_world_tool")[:3, 3], "The target position")
         raise BadValueError("The rotation of T_world_tool", "invalid", "R Rᵀ = 1 and det R = 1")

@@ -121,7 +121,7 @@ class ArmStructure:
         parts = ["yaw"] if self.yaw else []
         parts.append(f"planar {len(self.plane.pivots)}R")
         if self.wrist:
-            meeting = " that meets in a point" if self.centre is not None else ""
+            meeting = " with axes that meet at a point" if self.centre is not None else ""
             parts.append("roll" if len(self.wrist) == 1 else f"{len(self.wrist)}R wrist{meeting}")
         return " + ".join(parts)
 

@@ -143,18 +143,12 @@ def iterate(
     *,
     until_rest: bool = False,
 ) -> Result:
-    """Take steps from ``q0`` until the target is met, nothing moves, or the steps are used up.
+    """Take steps from ``q0`` (dof,) until the target is met, nothing moves, or they are used up.
 
-    There is one start and no restart: a search that stalls ends. The result is the best iterate.
-
-    Args:
-        method: The method's name, for the result.
-        step: One iteration of the method.
-        task: The residual function.
-        q0: Start (dof,), rad or m; one outside the limits is first clipped to them.
-        options: Tolerance, maximum number of iterations, and whether to keep the iterates.
-        max_iterations: Maximum iterations if the options do not set them.
-        until_rest: Whether to continue after the target is met, until nothing moves.
+    There is one start and no restart: a search that stalls ends. The result is the best iterate. A
+    start outside the limits, rad or m, is first clipped to them. ``max_iterations`` is the default
+    if the options do not limit them; ``until_rest`` continues after the target is met, until
+    nothing moves.
     """
     iteration = _Iteration(task, options.tolerance, task.linearise(task.chain.clip(q0)))
     for _ in range(options.max_iterations or max_iterations):

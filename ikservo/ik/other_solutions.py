@@ -43,14 +43,7 @@ _NEARBY_STEPS = 20  # steps of such a search; if it has not converged by then, i
 def solution_set(
     chain: Chain, target: Target, q: Vector, tolerance: Tolerance | None = None
 ) -> SolutionSet:
-    """Return the number or family of the solutions of a target, given joints (dof,) that meet it.
-
-    Args:
-        chain: The arm.
-        target: The target.
-        q: Joints (dof,) inside the limits.
-        tolerance: The error that counts as met.
-    """
+    """Return the number or family of the solutions of a target that joints (dof,) meet."""
     task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
     current = task.linearise(q)
     if not task.is_met(current, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):
@@ -112,14 +105,9 @@ def _continues_along(
 def nearest_solution(
     chain: Chain, target: Target, q0: Vector, options: Options, found: Result
 ) -> Result:
-    """Return a solution that is nearer to the start than ``found``, or else ``found``.
+    """Return a solution that is nearer to the start (dof,) than ``found``, or else ``found``.
 
-    Args:
-        chain: The arm.
-        target: The target.
-        q0: The start (dof,), rad or m, which may be outside the limits.
-        options: The tolerance.
-        found: A solution.
+    The start, rad or m, may be outside the limits.
     """
     idle = problem_for_target(chain, target).idle[target_kind_of(target)]
     best, distance_rad = found, _joint_distance_rad(found.q, q0)

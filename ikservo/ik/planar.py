@@ -149,10 +149,7 @@ def allowed_arcs(
 ) -> tuple[tuple[DirectionArc, ...], tuple[DirectionArc, ...]]:
     """Return the directions of the last link with which each elbow reaches ``m``.
 
-    Args:
-        links: The three links while all angles are zero.
-        limits: Lower and upper limit of each angle.
-        m: The target point, from the first joint.
+    The links are those at zero angles; ``m`` is seen from the first joint.
 
     Returns:
         The arcs of the elbow with φ2 >= 0, and those of the elbow with φ2 <= 0.
@@ -306,11 +303,8 @@ def nearest_planar_angles(
 ) -> tuple[Angles, ...]:
     """Find the angles inside the limits, best first, whose tip may be the nearest to ``m``.
 
-    Args:
-        links: The links while all angles are zero.
-        limits: Lower and upper limit of each angle.
-        m: A point out of reach, from the first joint.
-        start: The angle that the result should be near, among equivalent ones.
+    The links are those at zero angles; ``m`` is out of reach, seen from the first joint. Among
+    equivalent angles, those near ``start`` are taken.
     """
     candidates = (
         within_limits(angles, limits, start)

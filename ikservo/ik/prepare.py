@@ -52,14 +52,8 @@ def prepare_seeds(
 ) -> Matrix:
     """Return joints (m, dof) as seed columns (dof + SEED_SIZE, m).
 
-    Args:
-        chain: The arm.
-        arm: The arm, packed.
-        q: Starting points inside the limits (m, dof).
-        frame: The link to move to the target.
-        offset_m: The point on that link.
-        R_frame_tool: The rotation (3, 3) from tool to frame coordinates.
-        swinging: Whether the search may rotate the first joint to bring the tool near the target.
+    Starts ``q`` (m, dof) are inside the limits. ``R_frame_tool`` (3, 3) rotates from tool to frame
+    coordinates. If ``swinging``, the first joint may rotate to bring the tool near the target.
     """
     n, first = chain.dof, int(arm[1, COLUMN])
     half_rad, start = 0.0, q.copy()
@@ -228,12 +222,8 @@ def idle_joints(
 ) -> tuple[IdleJoint, ...]:
     """Return the joints that change neither the point nor the orientation of a target.
 
-    Args:
-        chain: The arm.
-        frame: The link; the tip if None.
-        offset_m: The point (3,) on that link; its origin if None.
-        axis: An axis (3,) of the link with a target direction, or None.
-        orientation: Whether the whole orientation is a target.
+    The point (3,) is on a link, by default its origin on the tip. Its target may include a
+    direction of an ``axis`` (3,) of the link, or the whole orientation.
     """
     T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moving = _moving_joints(J[:, :3])

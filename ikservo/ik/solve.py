@@ -207,15 +207,7 @@ _FAR_M = 10.0  # further than any arm with servos can reach
 
 
 def in_millimetres(chain: Chain, position_m: Sequence[float]) -> str:
-    """Format a point in millimetres, ``250mm 50mm 150mm``, if the arm reaches it in millimetres.
-
-    Args:
-        chain: The arm.
-        position_m: A point (3,) that the arm does not reach if its numbers are metres.
-
-    Returns:
-        The text; empty if the arm does not reach the point in millimetres.
-    """
+    """Return a point (3,) as ``250mm 50mm 150mm`` if the arm reaches it in millimetres, else ''."""
     point = np.asarray(position_m, dtype=float)
     if float(np.abs(point).max()) < _FAR_M:
         return ""

@@ -66,7 +66,7 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
         def run(*arguments: P.args, **named: P.kwargs) -> R:
             _check_types(name, kinds, arguments)
             if not check(*arguments, **named):
-                raise ValueError(f"{name}: the arrays do not fit together")
+                raise ValueError(f"{name}: the shapes of the arrays do not match")
             with np.errstate(all="ignore"):  # as in C
                 return function(*arguments, **named)
 
@@ -118,7 +118,9 @@ def _extension() -> _Extension | None:
         return None
     if not any(map(_has_changed, found.SOURCES.split(), found.DIGESTS.split())):
         return found
-    text = "The kernels were changed since they were compiled and run as Python. Try: make build"
+    text = (
+        "The kernels have changed since they were compiled, so they run as Python. Try: make build"
+    )
     warnings.warn(text, RuntimeWarning, stacklevel=2)
     return None
 

@@ -122,5 +122,5 @@ def _require_finite(array: Vector, what: str) -> Vector:
     if not np.isfinite(array).all():
         raise BadValueError(what, str(array.tolist()), "finite numbers")
     if array.size and float(np.abs(array).max()) > LARGEST:
-        raise BadValueError(what, str(array.tolist()), f"numbers between ±{LARGEST:g}")
+        raise BadValueError(what, str(array.tolist()), f"numbers within ±{LARGEST:g}")
     return array

@@ -25,10 +25,7 @@ class LinkTravelBounds:
 
     A point moves by at most the joint's angle times its distance from the axis. This distance is
     known for the first joint at the link; for others it is at most the sum of lengths in between.
-
-    Args:
-        chain: The arm; its limits bound the travel of prismatic joints in between.
-        capsules: The capsules of all links.
+    Limits of the chain bound the travel of prismatic joints in between.
     """
 
     def __init__(self, chain: Chain, capsules: Sequence[Capsule]) -> None:
@@ -54,13 +51,7 @@ class LinkTravelBounds:
     def _sum_steps(
         self, link: str, inwards: Sequence[ChainJoint], outwards: Sequence[ChainJoint]
     ) -> Vector:
-        """Sum the bounds of the joints from a link to its branch, and from there to another link.
-
-        Args:
-            link: The link whose points move.
-            inwards: The joints that lead to it.
-            outwards: The joints that lead to the other link.
-        """
+        """Sum the bounds of the joints from a link to its branch, and then to another link."""
         reach_m, points_m = np.zeros(self._chain.dof), self._points_m.get(link, np.zeros((1, 3)))
         length_m = float(np.linalg.norm(points_m, axis=1).max())
         is_known = True  # whether the points are known in the present frame
@@ -151,13 +142,8 @@ class CollisionBody:
     def with_attached(self, name: str, link: str, capsules: Sequence[Capsule]) -> CollisionBody:
         """Return the body with a thing fixed to one of its links.
 
-        The thing may touch that link, and the links that a single joint connects to that link.
-
-        Args:
-            name: The name of the thing, which no link has.
-            link: The link.
-            capsules: The capsules of the thing, in coordinates of the link; their ``link`` is the
-                thing's name.
+        The thing may touch that link, and the links that a single joint connects to that link. Its
+        capsules are in coordinates of the link; their ``link`` is the thing's name.
         """
         body = CollisionBody(self._chain.with_frame(name, link), [*self._capsules, *capsules])
         overlaps = dict(zip(self.pairs, self._overlap_m.tolist(), strict=True))

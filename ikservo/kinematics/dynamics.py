@@ -265,7 +265,7 @@ class Dynamics:
         for each, what in zip(checked, _MOTION, strict=True):
             if each.shape != checked[0].shape:
                 raise BadValueError(
-                    what, f"of shape {each.shape}", f"shape {checked[0].shape}, as q"
+                    what, f"of shape {each.shape}", f"shape {checked[0].shape}, like q"
                 )
         return checked[0], [np.atleast_2d(each) for each in checked]
 

@@ -39,12 +39,7 @@ class JointIndex:
     def from_names(
         cls, names: Sequence[str], chain: Sequence[str], gripper: str | None = None
     ) -> JointIndex:
-        """Return the index of a chain's joints among all joints.
-
-        Args:
-            names: All joints.
-            chain: The joints of the chain, base to tip.
-            gripper: The gripper's joint if the collision body includes it.
+        """Return the index of a chain's joints, and of a gripper in the body, among all joints.
 
         Raises:
             ValueError: A joint of the chain is not among all joints.

@@ -19,12 +19,7 @@ _MOST_STEPS = 500  # maximum number of steps along a ray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ray:
-    """A half line, such as the line of sight of a pixel.
-
-    Attributes:
-        origin_m: The start (3,), metres.
-        direction: A unit vector (3,).
-    """
+    """A half line, such as the line of sight of a pixel: origin (3,), unit direction (3,)."""
 
     origin_m: Vector
     direction: Vector
@@ -54,10 +49,7 @@ class Ray:
     def distance_to_box_m(self, R: Matrix, centre_m: Vector, half_m: Vector) -> float:
         """Return the distance to a box, metres; infinite if the ray misses it or starts inside.
 
-        Args:
-            R: The axes as columns (3, 3).
-            centre_m: The centre (3,).
-            half_m: Half of its sides (3,).
+        ``R`` has its axes as columns, ``half_m`` (3,) is half of its sides.
         """
         origin, along = (self.origin_m - centre_m) @ R, self.direction @ R
         along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)

@@ -21,14 +21,9 @@ _NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikserv
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """The recovery of one servo.
+    """The recovery of one servo, in words for the user, and its alarms before and after.
 
-    Attributes:
-        servo: The servo.
-        before: The alarms before the recovery.
-        after: The alarms after the recovery.
-        action: The action taken, as text for the user.
-        torque: Whether torque is on; None if the servo does not reply.
+    Torque is None if the servo does not reply.
     """
 
     servo: ServoSpec
@@ -46,13 +41,9 @@ class RecoveryResult:
 def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
     """Clear alarms, and set the goal of every servo with torque to its position.
 
-    A servo whose torque is off gets no goal, because a goal can switch it on. A Feetech servo's
+    A servo whose torque is off gets no goal, because a goal can switch torque on. A Feetech servo's
     torque is switched off, and on again at its position if it was on. A Dynamixel is restarted only
     if ``reboot`` is true; this switches its torque off.
-
-    Args:
-        bus: The servo bus.
-        reboot: Whether servos that need it may be restarted.
 
     Raises:
         PortLostError: The port was lost.

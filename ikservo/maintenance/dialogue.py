@@ -190,7 +190,7 @@ Dialogue: TypeAlias = Generator[Notice | Progress | Question | HandRequest, str 
 EntryDialogue: TypeAlias = Generator[
     Notice | Progress | Question | Entry | HandRequest, str | None, Result
 ]
-"""A dialogue that also asks for words and values; every `Dialogue` is one."""
+"""A dialogue that also asks for words and values; every `Dialogue` is also an `EntryDialogue`."""
 
 
 class ScriptedAnswers:
@@ -229,7 +229,7 @@ class ScriptedAnswers:
             return None
         if not entry:
             raise CalibrationError(
-                "The script ended before the calibration was complete.", "Add: accept"
+                "The script ended before the calibration was complete.", "Add this line: accept"
             )
         raise request.missing
 
@@ -239,10 +239,8 @@ def read_answers(
 ) -> list[str]:
     """Read the answers from a file, one per line; ``#`` begins a comment.
 
-    Args:
-        path: The file.
-        known: The possible answers; a second word stands for any name.
-        former: The present word for each old word that is still accepted.
+    ``known`` are the possible answers; a second word in one of them stands for any name. ``former``
+    maps each old word for an answer to its new word.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

@@ -21,6 +21,7 @@ from ikservo.hardware.port_names import serial_number_of
 from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
+from ikservo.planning.calibrated_arm import ZeroSource
 
 CHECK_ANGLE_RAD = math.radians(5.0)
 """Rotation of the horn in a test motion [rad]."""
@@ -70,11 +71,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the joint motion that best lifts an arm off its support.
-
-    Returns:
-        The motion; None if the arm is clear, or no motion of a single joint lifts it.
-    """
+    """Plan the joint motion that best lifts an arm off its support; None if none is useful."""
     names = [joint.name for joint in arm.model.joints]
     return _plan_best_lift(arm, names, arm.clearance_m, _CLEAR_M)
 
@@ -82,18 +79,14 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 def check_clearance_m(arm: Arm, name: str) -> float:
     """Compute the clearance of the body during the test motion of a joint and back.
 
-    The result is the smaller of the clearances at the start and at the better of the two ends;
-    negative if the body would touch something.
+    The result is the smaller of the clearances at the start and at the end; of the two possible
+    ends, the one with more clearance counts. It is negative if the body would touch something.
     """
     return _test_clearance(arm, name)(_measured_positions(arm))
 
 
 def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
-    """Plan the motion of another joint that best clears the test motion of a joint.
-
-    Returns:
-        The motion; None if the path is clear, or no motion of a single joint clears it.
-    """
+    """Plan another joint's motion that makes room for a test; None if none is useful."""
     others = [joint.name for joint in arm.model.joints if joint.name != name]
     return _plan_best_lift(arm, others, _test_clearance(arm, name), _MIN_CLEARANCE_M)
 
@@ -101,7 +94,7 @@ def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
 def _plan_best_lift(
     arm: Arm, names: Sequence[str], clearance: Clearance, enough_m: float
 ) -> DirectionCheck | None:
-    """Plan the motion of one of these joints that gains most clearance; None if not needed."""
+    """Plan the motion of a joint of ``names`` that gains most clearance; None if none is needed."""
     start = _measured_positions(arm)
     start_m = clearance(start)
     if start_m >= enough_m:
@@ -189,7 +182,7 @@ def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) 
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return a joint's limits, restricted to those of the arm file, beyond which are end stops."""
+    """Return a joint's limits inside those of the arm file, beyond which its end stops are."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 
@@ -198,7 +191,7 @@ def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
     if moved / motion.travel < _MIN_FOLLOW_FRACTION:
         text = arm.model.joint(motion.joint).joint_map.format
         raise CalibrationError(
-            f"{motion.joint} was commanded to move by {text(motion.travel)} and moved by "
+            f"{motion.joint} was commanded to move by {text(motion.travel)} but moved by "
             f"{text(moved)}.",
             "Check for a loose horn or an obstacle.",
         )
@@ -224,7 +217,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
     lift = plan_lift(arm)
     if lift is not None:
         yield Notice(
-            f"The arm rests on something: {lift.joint} moves {lift.direction} and stays there."
+            f"The arm rests on something, so {lift.joint} moves {lift.direction} and stays there."
         )
         execute_lift(arm, lift)
         yield from _confirm_direction(arm, lift, searching=False)
@@ -239,10 +232,7 @@ def show_directions(
 ) -> Dialogue[list[DirectionCheck]]:
     """Move each of the joints slightly and back, and ask whether it moved as described.
 
-    Args:
-        arm: The arm, torque on.
-        names: The joints.
-        searching: Whether the arm's end stops will be searched next; it then has no calibration.
+    If ``searching``, the arm's end stops will be searched next; it then has no calibration.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.
@@ -267,14 +257,15 @@ def _make_room(arm: Arm, name: str, *, searching: bool) -> Dialogue[None]:
         if motion is None:
             break
         yield Notice(
-            f"{motion.joint} moves {motion.direction}, and stays there: it is in the way of {name}."
+            f"{motion.joint} moves {motion.direction}, and stays there, because it is in "
+            f"the way of {name}."
         )
         execute_lift(arm, motion)
         yield from _confirm_direction(arm, motion, searching=searching)
     if searching and check_clearance_m(arm, name) < 0.0:
         raise RefusedError(
             f"{name} cannot move by 5° without a collision; torque stays on.",
-            "Nothing was saved. Begin in a pose with more room: "
+            "Nothing was saved. Start from a pose with more room: "
             f"ikservo calibrate {arm.model.name} --auto --pose home",
         )
 
@@ -284,12 +275,22 @@ def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> 
     if (yield Question(question, Unasked.YES)) != ACCEPT:
         by_hand = f"ikservo calibrate {arm.model.name}"
         raise CalibrationError(
-            f"{motion.joint} does not move as in the arm file; torque stays on.",
-            f"Calibrate it by hand, which finds signs: {by_hand}"
+            f"{motion.joint} does not move as the arm file says; torque stays on.",
+            f"Calibrate it by hand, which also finds its sign: {by_hand}"
             if searching
             else "If another joint moved: check the ids in the arm file. If the joint went the "
             f"other way: {by_hand} --joint {motion.joint}",
         )
+
+
+def needs_direction_check(arm: Arm) -> bool:
+    """Check whether the joints must be tested, because the present files are not confirmed.
+
+    An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
+    """
+    if arm.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
+        return False
+    return not directions_confirmed(arm.model, arm.port_name)
 
 
 def directions_confirmed(model: Model, port_name: str) -> bool:

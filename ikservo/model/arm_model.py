@@ -19,10 +19,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model.urdf_types import Urdf
 from ikservo.registers import MODELS, Family
 
-_NEAR = {"rad": math.radians(5.0), "m": 0.005}
-_AT = {"rad": math.radians(0.3), "m": 0.0003}
-_NEAR_FRACTION = 1 / 20  # for short ranges, because jaws would otherwise always be near a limit
-
 
 @dataclass(frozen=True, slots=True)
 class Gripper:
@@ -298,29 +294,3 @@ def _find_named(kind: str, name: object, known: Mapping[str, _T]) -> _T:
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(kind, name, known)
     return known[name]
-
-
-def limit_distance(position: float, lower: float, upper: float) -> float:
-    """Compute the distance to the nearer limit; negative outside, infinite if there is none."""
-    return min(position - lower, upper - position)
-
-
-def near_distance(lower: float, upper: float, unit: str) -> float:
-    """Compute the distance from a limit within which a joint counts as near the limit.
-
-    Args:
-        lower: The lower limit, rad or m.
-        upper: The upper limit.
-        unit: ``rad`` or ``m``.
-    """
-    return min(_NEAR[unit], _NEAR_FRACTION * (upper - lower))
-
-
-def at_distance(lower: float, upper: float, unit: str) -> float:
-    """Compute the distance within which a joint counts as at a limit; see ``near_distance``."""
-    return min(_AT[unit], near_distance(lower, upper, unit))
-
-
-def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
-    """Check whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
-    return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)

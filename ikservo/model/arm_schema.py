@@ -101,7 +101,7 @@ class ArmJoint(StrictModel):
         default=None, strict=False, description="[lower, upper] instead of the URDF's, degrees"
     )
     limits_m: tuple[float, float] | None = Field(
-        default=None, strict=False, description="the same for a joint that slides, metres"
+        default=None, strict=False, description="[lower, upper] of a sliding joint, metres"
     )
     shadows: tuple[ArmShadow, ...] = Field(
         default=(), strict=False, description="a list of tables like servo"

@@ -19,15 +19,9 @@ from ikservo.model.servo_torque import GearFriction, find_servo_torque
 def identified_parameters(
     model: Model, chain: Chain, identified: IdentifiedArm
 ) -> ArmParameters | None:
-    """Return an arm's identified parameters; unidentified joints have those from the tables.
+    """Return an arm's identified parameters; None if the arm has no masses.
 
-    Args:
-        model: The masses and servos.
-        chain: The joints, base to tip, inside the arm's own limits.
-        identified: The identification file of the arm.
-
-    Returns:
-        None if the arm has no masses.
+    Unidentified joints have those from the tables. The chain is inside the arm's own limits.
     """
     nominal = nominal_parameters(model, chain)
     if nominal is None:

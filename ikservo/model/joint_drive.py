@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import exp, inf, tau
 
+import numpy as np
+
 from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.model.arm_model import Model, ModelJoint
+from ikservo.model.arm_model import Model, ModelJoint, ModelServo
 from ikservo.model.link_masses import link_masses
 from ikservo.model.servo_torque import GearFriction, find_servo_torque
 
 # Time to send a goal, and until the servo's next loop reads it.
 _DELAY_S = 0.0025
+_FEETECH_GAIN = 32  # default P gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +51,7 @@ class JointDrive:
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
         """Compute the dry friction of the moving joint, N m.
 
-        Args:
-            speed_rad_s: The speed; its sign does not matter.
-            load_nm: Load on the gears: the difference between motor torque and external torque.
+        The load is that on the gears: the difference between motor torque and external torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)
@@ -73,15 +75,7 @@ class ArmParameters:
 
 
 def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
-    """Return the parameters from the arm file's masses and the tables for its servos.
-
-    Args:
-        model: The masses and servos.
-        chain: The joints, base to tip, inside the arm's own limits.
-
-    Returns:
-        None if the arm has no masses.
-    """
+    """Return the parameters from the arm file's masses, if any, and the tables for its servos."""
     masses = link_masses(model, chain)
     if not masses:
         return None
@@ -118,3 +112,39 @@ def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
         delay_s=_DELAY_S,
         sustained_nm=force * first.sustained_nm,
     )
+
+
+def joint_compliances(model: Model, chain: Chain) -> Vector:
+    """Compute the compliance of each joint (dof,) of a chain, rad per N m (m per N).
+
+    The compliance of a joint is 0 if the stiffness of its servos is unknown. The chain goes from
+    base to tip, and may end with the gripper's joint.
+    """
+    joints = {joint.name: joint for joint in model.joints}
+    compliances = np.zeros(len(chain.names))
+    for i, name in enumerate(chain.names):
+        joint = joints.get(name)
+        stiffness_nm_rad = 0.0
+        for servo in (joint.servo, *joint.shadows) if joint else ():
+            torque = find_servo_torque(servo.model, model.supply_v)
+            if torque:
+                stiffness_nm_rad += torque.stiffness_nm_rad * _gain_share(servo)
+        if joint and stiffness_nm_rad:
+            compliances[i] = (joint.travel_per_turn / tau) ** 2 / stiffness_nm_rad
+    return compliances
+
+
+def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
+    """Compute the distance from the goal at which friction holds an unloaded joint, rad or m.
+
+    Servos that drive it together share its friction and its stiffness.
+    """
+    torque = find_servo_torque(joint.servo.model, supply_v)
+    per_horn_rad = joint.travel_per_turn / tau
+    gain = _gain_share(joint.servo)
+    return per_horn_rad * torque.friction_rad / gain if torque and gain else 0.0
+
+
+def _gain_share(servo: ModelServo) -> float:
+    """Compute a servo's P gain as a fraction of the default."""
+    return servo.eeprom.get("p_gain", _FEETECH_GAIN) / _FEETECH_GAIN

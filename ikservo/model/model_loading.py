@@ -77,10 +77,6 @@ of links; each pair takes longer if there are more joints between its links.
 def read_description(path: Path, folder: Path | None = None) -> Urdf:
     """Read a URDF of limited size; other descriptions must be converted once by ``arms new``.
 
-    Args:
-        path: The file.
-        folder: The folder of its meshes; None: the folder of the file.
-
     Raises:
         FileFormatError: The file cannot be used; the place and the cause are named.
     """
@@ -189,7 +185,7 @@ def _read_tree(path: Path, arm: ArmFile) -> Urdf:
     urdf = read_description(arm.urdf_path, path.parent)
     for link in urdf.links:
         if any(isinstance(shape, Mesh) for shape in link.collisions or link.visuals):
-            found = f"link {link.name} has meshes for contact"
+            found = f"link {link.name} has meshes as contact shapes"
             expected = f"boxes, cylinders and spheres; convert it: {import_command(arm.urdf_path)}"
             raise FileFormatError(arm.urdf_path, f"line {link.line}", found, expected)
     own = {

@@ -23,7 +23,7 @@ from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.arm_model import Model, Obstacle
 from ikservo.model.arm_schema import Text
-from ikservo.model.collision_model import bounding_capsules
+from ikservo.model.collision_capsules import bounding_capsules
 from ikservo.model.urdf_types import Box
 
 _Z = np.array([0.0, 0.0, 1.0])
@@ -164,7 +164,7 @@ class _SceneSphere(_CenteredThing):
 
 class _SceneHalfSpace(_Thing):
     point_m: Triple = Field(
-        description="a point [x, y, z] of its surface, in metres, at most ±1000"
+        description="a point [x, y, z] on its surface, in metres, at most ±1000"
     )
     normal: Triple = Field(description="the direction [x, y, z] of its free side, at most ±1000")
 
@@ -236,19 +236,14 @@ def read_scene_with_arms(
 def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
     if arms:
         raise RefusedError(
-            f"{path} has another arm, {arms[0].name}, which is not open here.",
+            f"{path} has another arm, {arms[0].name}, which is not open in this program.",
             "Open both arms: on one page with ikservo view, or in a program with "
             "arm.scene.add_arm.",
         )
 
 
 def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
-    """Make a thing from the values that it has in a scene file.
-
-    Args:
-        kind: box, cylinder, sphere or half_space.
-        name: Name for messages.
-        sizes: The other keys of the table, such as ``center_m``.
+    """Make a box, cylinder, sphere or half_space from the values that it has in a scene file.
 
     Raises:
         UnknownNameError: There is no such kind.

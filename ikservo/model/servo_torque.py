@@ -187,10 +187,7 @@ GRIPPER_P_GAINS: Mapping[str, int] = MappingProxyType(
 def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
     """Return the torque figures of a model at a supply voltage; None if they are unknown.
 
-    Args:
-        model: The servo model.
-        supply_v: The supply voltage in the arm file. If it is None or has no figures of its own,
-            the usual voltage is assumed.
+    The usual voltage is assumed if that in the arm file is missing or has no figures of its own.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 
@@ -203,12 +200,7 @@ _USUAL_SUPPLY_V = 12.0
 
 
 def nominal_supply_v(model: str, supply_v: float | None) -> float:
-    """Return the supply voltage for which the figures of a model are valid.
-
-    Args:
-        model: The servo model.
-        supply_v: The supply voltage in the arm file, or None.
-    """
+    """Return the supply voltage for which the figures of a model are valid."""
     if supply_v is not None and (model, supply_v) in SERVO_TORQUES:
         return supply_v
     return _SUPPLY_V.get(model, _USUAL_SUPPLY_V)

@@ -43,9 +43,7 @@ class ToolFrame:
     def roll_rad(self, R_world_tool: Matrix, heading_rad: float) -> float:
         """Compute the rotation of the tool about its axis, clockwise as seen from behind it.
 
-        Args:
-            R_world_tool: The tool orientation (3, 3).
-            heading_rad: The tool heading, if the tool is upright.
+        ``heading_rad`` is the heading of a tool (3, 3) that is upright.
         """
         own = self.heading_rad(R_world_tool)
         level = _level_left(heading_rad if own is None else own)
@@ -114,13 +112,8 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
     """Describe how to move a joint from a pose so that its position increases or decreases.
 
     Forwards is the horizontal direction from the base to the tool in pose ``home``; left is 90°
-    counter-clockwise from it, seen from above.
-
-    Args:
-        model: The arm.
-        joint: The joint.
-        pose: The named pose of the arm.
-        towards: +1 for increasing positions, -1 for decreasing ones.
+    counter-clockwise from it, seen from above. ``towards`` is +1 for increasing positions, -1 for
+    decreasing ones.
     """
     if joint.name not in model.chain.names:
         # The direction from the pose rest to the pose home counts as opening
@@ -138,7 +131,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
         sense = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
         return f"{sense}, seen along the tool"
     along = int(np.argmax(np.abs(speed)))
-    return f"so that the tool goes {_DIRECTIONS[along][0 if speed[along] > 0 else 1]}"
+    return f"so that the tool moves {_DIRECTIONS[along][0 if speed[along] > 0 else 1]}"
 
 
 def view_axes(model: Model) -> Vector:

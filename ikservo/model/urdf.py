@@ -136,13 +136,7 @@ FindMesh = Callable[[str], Path | None]
 def parse_link(
     element: XmlElement, find_mesh: FindMesh, materials: Mapping[str, Triple] | None = None
 ) -> UrdfLink:
-    """Parse one link.
-
-    Args:
-        element: The ``<link>``.
-        find_mesh: Finds the files of its meshes.
-        materials: Colours of the robot's materials, by name.
-    """
+    """Parse a ``<link>``; the robot's materials are colours by name."""
     name = element.name()
     collisions = tuple(_read_shape(each, find_mesh) for each in element.child_elements("collision"))
     drawn = element.child_elements("visual")
@@ -329,7 +323,7 @@ def lint_urdf(
     shapes = [shape for link in links for shape in (*link.collisions, *link.visuals)]
     outside = [shape for shape in shapes if isinstance(shape, Mesh) and shape.path is None]
     if outside:
-        first = f"{len(outside)}, first {quote(outside[0].filename)}"
+        first = f"{len(outside)} in all, the first is {quote(outside[0].filename)}"
         found.append(f"meshes outside the model's folder cannot be used: {first}")
     return tuple(found)
 
@@ -406,11 +400,6 @@ def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
     A relative name is resolved from the URDF. ``package://NAME/REST`` is REST or NAME/REST, in the
     model's folder or in the URDF's. ``file://`` is an absolute path. The name itself is checked
     first, so that nothing outside is read.
-
-    Args:
-        filename: The name in the URDF.
-        urdf: The URDF file.
-        folder: The model's folder, which contains the URDF.
     """
     if filename.startswith(_PACKAGE):
         name = filename.removeprefix(_PACKAGE)

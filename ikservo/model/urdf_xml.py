@@ -104,7 +104,7 @@ class XmlElement:
             raise self.error(f"<{self.tag}> has {attribute}={quote(text)}", expected)
         if max(map(abs, numbers)) > most:
             raise self.error(
-                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers between ±{most:g}"
+                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers within ±{most:g}"
             )
         return numbers
 
@@ -118,9 +118,7 @@ _PLAIN = "plain XML without <!DOCTYPE> and <!ENTITY>"
 def parse_xml(path: Path, text: str) -> XmlElement:
     """Parse the outermost element of an XML text.
 
-    Args:
-        path: The origin of the text, for messages; it is not read here.
-        text: The whole document. The encoding that it declares is ignored.
+    The path is only for messages; the encoding that the text declares is ignored.
 
     Raises:
         FileFormatError: The text is not plain, well-formed XML; the line is named.

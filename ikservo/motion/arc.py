@@ -64,11 +64,7 @@ def arc_through_points(
 ) -> ArcPath:
     """Compute the arc from a start (3,) through a point to an end, metres.
 
-    Args:
-        start_m: The start (3,).
-        via_m: The via point (3,).
-        end_m: The end (3,); with ``full_circle``, another point to pass.
-        full_circle: Whether the arc continues to its start.
+    A ``full_circle`` passes ``end_m`` (3,) and continues to its start.
 
     Raises:
         BadValueError: Two points are the same, all points are collinear, or a number is not finite.
@@ -92,8 +88,8 @@ def arc_through_points(
     if math.sqrt(area2) < _MIN_HEIGHT_M * longest:
         raise BadValueError(
             "The via point of the arc",
-            f"{format_point(via)}, on one line with start {format_point(start_m)} "
-            f"and end {format_point(end)}",
+            f"{format_point(via)}, on one line with the start {format_point(start_m)} "
+            f"and the end {format_point(end)}",
             "a point off that line, or a straight line to the end",
         )
     out = (np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)) / (2.0 * area2)
@@ -135,7 +131,7 @@ def arc_about_axis(
     if radius_m < _MIN_RADIUS_M:
         raise BadValueError(
             "The radius of the circle",
-            f"{1000.0 * radius_m:.2f} mm: the tip is on its axis",
+            f"{1000.0 * radius_m:.2f} mm, because the tip is on its axis",
             "a centre away from the tip",
         )
     return ArcPath(center, start_m, axis, angle_rad)

@@ -60,19 +60,13 @@ def solve_cartesian_path(
     *,
     strict: bool = False,
 ) -> CartesianJointPath:
-    """Find the joints along a path of the tool.
+    """Find the joints along a path of the tool from joints (dof,).
 
     The tool keeps its orientation, relative to the arm plane of arms that have one, or rotates
     uniformly to the orientation at ``end``. If the arm cannot keep it everywhere, the tool rotates
     uniformly to the nearest possible orientation at the end of the path; if that fails, the
-    orientation is free.
-
-    Args:
-        chain: The arm.
-        start: The joints at the start (dof,).
-        path: The path of the tip, metres, base frame.
-        end: Joints (dof,) with the final orientation; None to keep the orientation at the start.
-        strict: Whether the orientation must be kept exactly in the world frame.
+    orientation is free. With ``strict``, it must be kept exactly in the world frame. Without
+    ``end``, joints (dof,) with the final orientation, it is that at the start.
 
     Raises:
         CartesianPathError: The path cannot be followed; the error names the furthest point reached.

@@ -66,7 +66,7 @@ class OnlineTrajectory:
         self._upper = np.maximum(self._bounds[1], rest.start.position) + _ROUNDING
         if not self._ends_inside_limits(rest):
             raise RefusedError(
-                "The joints are too fast to stop inside their limits.",
+                "The joints move too fast to stop inside their limits.",
                 "Nothing was sent. Wait until the arm is at rest.",
             )
         self._pieces: _Pieces = ((0.0, rest),)
@@ -177,7 +177,7 @@ class OnlineTrajectory:
     def _check_time(self, time_s: float) -> None:
         if not self._aimed_s <= time_s < math.inf:
             raise BadValueError(
-                "The time of the goal", f"{time_s} s", f"a time from {self._aimed_s} s on"
+                "The time of the goal", f"{time_s} s", f"a time of at least {self._aimed_s} s"
             )
 
 

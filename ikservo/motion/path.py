@@ -196,7 +196,6 @@ class SplinePath:
         points: The points (k, n).
 
     Attributes:
-        distances: The distances of the points.
         length: The distance of the last point.
     """
 

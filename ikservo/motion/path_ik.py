@@ -30,14 +30,7 @@ def track_path(
     orientation: OrientationInterpolation | None,
     count: int,
 ) -> Matrix:
-    """Follow a path with the tip: position exactly, orientation as well as possible.
-
-    Args:
-        chain: The arm.
-        start: The joints at the start (dof,).
-        path: The path of the tip, metres, base frame.
-        orientation: The desired orientation; None if it is free.
-        count: Number of points, both ends included.
+    """Follow a path with the tip: position exactly, orientation, if any, as well as possible.
 
     Returns:
         The joints at equal distances (count, dof).

@@ -82,7 +82,6 @@ class RuckigMotion:
         top_speeds: The maximum speed of each joint, rad/s or m/s.
 
     Attributes:
-        start: The start state.
         goal: The end position (n,), rad or m.
     """
 
@@ -218,7 +217,7 @@ def _calculate_trajectory(parameters: InputParameter, n: int) -> Trajectory:
     if result not in (Result.Working, Result.Finished):
         raise _ruckig_error(result.name)
     if not math.isfinite(trajectory.duration):
-        raise _ruckig_error("a duration without end")
+        raise _ruckig_error("an infinite duration")
     return trajectory
 
 

@@ -113,12 +113,7 @@ class SubsetTrajectory:
 
 
 class ConcatenatedTrajectory:
-    """A trajectory that continues with a second one after it has come to rest.
-
-    Args:
-        first: The first trajectory; ends at rest.
-        second: The second trajectory; starts at rest where the first one ends.
-    """
+    """A trajectory that continues with a second one after it has come to rest."""
 
     def __init__(self, first: Trajectory, second: Trajectory) -> None:
         self._first, self._second = first, second

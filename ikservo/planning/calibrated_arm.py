@@ -21,7 +21,7 @@ from ikservo.calibration.servo_config import (
     read_servo_config,
     register_mismatches,
 )
-from ikservo.control.feedback import read_register
+from ikservo.control.joint_reading import read_register
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import is_simulated, serial_number_of
@@ -33,7 +33,7 @@ from ikservo.model.link_masses import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
 if TYPE_CHECKING:
-    from ikservo.kinematics.bending import Bending
+    from ikservo.kinematics.bending_and_backlash import Bending
     from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
@@ -71,13 +71,7 @@ class ZeroSource(Enum):
     def check_small_steps(
         self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse long motions of single joints if zeros are unknown.
-
-        Args:
-            arm: The name of the arm.
-            start: The joints (n,), rad or m.
-            goal: The joint goals (n,).
-            steps: The longest motion of each joint, in the order of the vectors.
+        """Refuse motions of single joints longer than ``steps``, rad or m, if zeros are unknown.
 
         Raises:
             CalibrationError: A joint would move further than ``steps`` allows.
@@ -230,7 +224,7 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
-    from ikservo.kinematics.bending import Bending  # noqa: PLC0415  # few arms need it
+    from ikservo.kinematics.bending_and_backlash import Bending  # noqa: PLC0415  # few arms need it
 
     dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
     return Bending(dynamics, compliance, half_play)
@@ -239,12 +233,7 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
 def load_calibration_for(
     bus: ServoBus, model: Model, *, uncalibrated: bool = False
 ) -> CalibratedArm:
-    """Load the calibration of the arm on a bus.
-
-    Args:
-        bus: The servos of the arm.
-        model: The arm file's model.
-        uncalibrated: Whether the user accepts the arm file's zeros.
+    """Load the calibration of the arm on a bus, or accept the arm file's zeros.
 
     Raises:
         CalibrationError: The calibration contradicts the servos or the arm file, or its last write

@@ -147,11 +147,7 @@ class ArmContext:
     def clearance_m(self, joints: Vector) -> float:
         """Compute the smallest distance of the body [m] to itself, the table and the boxes.
 
-        Args:
-            joints: All joints (n,).
-
-        Returns:
-            The distance; infinite if paths are not checked or positions are unknown.
+        It is infinite if paths are not checked or positions are unknown.
         """
         checker = self.checked_collision
         if checker is None:
@@ -163,12 +159,8 @@ class ArmContext:
     ) -> bool:
         """Check whether the body touches, or nearly touches, itself, the table or a box.
 
-        An arm that would touch if it sagged also counts.
-
-        Args:
-            joints: All joints.
-            load: Multiple of gravity under which the arm sags.
-            distance_m: Distance below which a pair nearly touches.
+        An arm that would touch if it sagged under ``load`` times gravity also counts, and so does a
+        pair within ``distance_m``.
         """
         if self.checked_collision is None:
             return False
@@ -223,11 +215,7 @@ class ArmContext:
             self.checked_collision.check_path(self.index.body_joints(path), load_factor)
 
     def check_trajectory(self, move: RuckigMotion, rest: Vector) -> None:
-        """Check the path of an online trajectory, including braking and reversing.
-
-        Args:
-            move: The motion from the present state on.
-            rest: The joints (n,) from which the trajectory began, at rest.
+        """Check an online trajectory that began at ``rest`` (n,), including braking and reversing.
 
         Raises:
             RefusedError: The arm would touch something.

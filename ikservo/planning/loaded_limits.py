@@ -21,13 +21,8 @@ def limits_under_load(
 ) -> Chain | None:
     """Return a chain with limits that leave room for the lead of goals along a path.
 
-    Each limit is moved inwards by the largest lead among the goals that would pass it.
-
-    Args:
-        chain: The arm, inside the limits of its goals.
-        parameters: The masses and drives of the arm.
-        joints: Joints along the path (k, dof), rad or m, in the chain's order.
-        friction: Whether to leave room for the friction of moving joints and not only for weight.
+    Each limit is moved inwards by the largest lead among the goals that would pass it. Without
+    ``friction``, there is room for weight only. Joints (k, dof) are in rad or m.
 
     Returns:
         The chain; None if no goal would pass a limit.
@@ -50,11 +45,8 @@ def limits_under_load(
 def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) -> Matrix:
     """Compute the lead of goals over slow joints against gravity and friction, rad or m.
 
-    Args:
-        parameters: Masses and drives of the arm.
-        joints: Positions (k, dof).
-        directions: The directions of the joints (k, dof), as multiples of friction: 1 and -1 for
-            the friction in the model, 0 for none.
+    Positions and directions are (k, dof); a direction is a multiple of the friction in the model:
+    1, -1, or 0 for none.
     """
     torques = parameters.dynamics.gravity_torques(joints)
     leads = np.zeros_like(torques)

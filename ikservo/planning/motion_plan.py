@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ikservo.arguments import parse_number
+from ikservo.calibration.joint_limits import near_distance
 from ikservo.errors import RefusedError
-from ikservo.guard import DrivenJoint
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.model.arm_model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajectory
 from ikservo.planning.motions import MotionValue
@@ -67,9 +66,9 @@ class MotionPlan:
         tool_speed: The speed of the tip along lines or arcs; None if none was requested.
         via_pose: The intermediate retract pose; empty if the path is direct.
         around: The contact on the straight path that this path avoids; empty if there is none.
-        kept: Description of the tool constraint and of how much of it is used.
-        clearance_m: Smallest distance of the body on the path to itself, the table and the boxes;
-            infinite if paths are not checked.
+        kept: A text per constraint on the tool: how near the motion comes to its limit.
+        clearance_m: Smallest distance on the path between two parts of the arm, or from the arm to
+            the table or an obstacle; infinite if paths are not checked.
         planning_s: The time that planning took.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
@@ -171,14 +170,7 @@ def path_length_m(chain: Chain, joints: Matrix) -> float:
 def time_limiting_joints(
     velocity: Matrix, acceleration: Matrix, limits: Sequence[KinematicLimits], names: Sequence[str]
 ) -> list[str]:
-    """Describe the joints that reach their top speed or acceleration at some instant.
-
-    Args:
-        velocity: Velocities along the path (k, n).
-        acceleration: Accelerations along the path (k, n).
-        limits: The kinematic limits of each joint.
-        names: The joint names.
-    """
+    """Describe the joints whose speed or acceleration (k, n) reaches its limit at some instant."""
     texts: list[str] = []
     for i, (name, limit) in enumerate(zip(names, limits, strict=True)):
         if float(np.abs(velocity[:, i]).max()) >= _FULL * limit.speed_rad_s:
@@ -193,12 +185,7 @@ def near_limits(
 ) -> tuple[NearLimit, ...]:
     """Return the joints that come near a limit, closest first; see ``near_limit``.
 
-    Args:
-        joints: Joints along the path (k, n), rad or m.
-        lower: The lower limits (n,); infinite if there is none.
-        upper: The upper limits (n,).
-        names: The joint names.
-        units: ``rad`` or ``m`` for each joint.
+    Joints along the path are (k, n), rad or m; a limit (n,) is infinite if there is none.
     """
     found: list[tuple[float, NearLimit]] = []
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -259,100 +246,3 @@ def has_moved(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]
 
 def _time_apart_s(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> Vector:
     return np.abs(goals - plan.start) / np.array([limit.speed_rad_s for limit in limits])
-
-
-RETRACT_POSES = ("home", "rest")
-"""Retract poses to try, in this order; every arm file has them."""
-
-
-def via_pose_plan(
-    first: MotionPlan, then: MotionPlan, pose: str, orientation_change_rad: float
-) -> MotionPlan:
-    """Return a plan that moves to a pose, stops there, and continues from it.
-
-    Args:
-        first: Plan to the pose.
-        then: Plan from the pose.
-        pose: The name of the pose.
-        orientation_change_rad: Change of orientation from the start of ``first`` to the goal of
-            ``then``.
-    """
-    return replace(
-        then,
-        start=first.start,
-        orientation_change_rad=orientation_change_rad,
-        trajectory=ConcatenatedTrajectory(first.trajectory, then.trajectory),
-        path_m=first.path_m + then.path_m,
-        duration_s=first.duration_s + then.duration_s,
-        time_limiting_joints=tuple(
-            dict.fromkeys(first.time_limiting_joints + then.time_limiting_joints)
-        ),
-        via_pose=pose,
-    )
-
-
-# A joint that was on its end stop when a pose was taught is at most this far beyond its limit.
-_END_STOP_RAD = math.radians(6.0)
-
-
-@dataclass(frozen=True, slots=True)
-class PoseWithinLimits:
-    """A pose clamped to the limits of an arm.
-
-    Attributes:
-        positions: The positions by joint, rad or m.
-        changed: Descriptions of joints that stop at a limit short of the pose.
-    """
-
-    positions: dict[str, float]
-    changed: tuple[str, ...]
-
-
-def clamp_positions(
-    positions: Mapping[str, float],
-    driven_joints: Sequence[DrivenJoint],
-    start: Vector,
-    max_rad: float = _END_STOP_RAD,
-) -> PoseWithinLimits:
-    """Clamp joint positions that are slightly beyond the limits.
-
-    A clamped joint stays inside its limit by the distance at which friction may stop it.
-
-    Args:
-        positions: The positions by joint, rad or m; other joints keep their position.
-        driven_joints: The joints, in the order of ``start``.
-        start: The present joints (n,). A joint that is beyond its limit need not move inside.
-        max_rad: Joints that are further beyond, as an angle of the horn, are not clamped; the guard
-            refuses them.
-    """
-    clamped, changed = dict(positions), list[str]()
-    for driven, at in zip(driven_joints, start.tolist(), strict=True):
-        if driven.joint not in positions or driven.limits.contains(positions[driven.joint]):
-            continue
-        requested, (low, high) = positions[driven.joint], driven.position_range
-        joint_map = driven.joint_map
-        beyond = max(low - requested, requested - high)
-        if beyond > joint_map.unit_per_tick:  # less is rounding
-            low, high = driven.settled_range
-        inside = min(max(requested, min(low, at)), max(high, at))
-        beyond_rad = beyond / joint_map.unit_per_horn_rad
-        if inside != requested and beyond_rad <= max_rad:
-            clamped[driven.joint] = inside
-            goes_to, asked = joint_map.format(inside), joint_map.format(requested)
-            if goes_to != asked:  # otherwise it is rounding
-                limit = driven.limits.upper if requested > inside else driven.limits.lower
-                why = f"its limit is {joint_map.format(limit.value)} ({limit.source})"
-                changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}: {why}")
-    return PoseWithinLimits(clamped, tuple(changed))
-
-
-def clamp_pose(
-    name: str, pose: Mapping[str, float], driven_joints: Sequence[DrivenJoint], start: Vector
-) -> PoseWithinLimits:
-    """Clamp a named pose to the limits; see ``clamp_positions``.
-
-    The rest pose is clamped however far it is outside, because it must always be possible to lower
-    an arm. Other poses may have joints on their end stops, just beyond a limit.
-    """
-    max_rad = math.inf if name == "rest" else _END_STOP_RAD
-    return clamp_positions(pose, driven_joints, start, max_rad)

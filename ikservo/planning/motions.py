@@ -500,14 +500,14 @@ class MoveGripper(MotionValue[GraspResult]):
             overcomes the friction of the gears: 0.05, or 0.1 for a 7.4 V STS3215.
     """
 
-    to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
+    to: Annotated[str | None, _choice("gripper motion", ("open", "close"))] = None
     _: KW_ONLY
     width_m: Annotated[float | None, _number("The width")] = None
     force: Annotated[float | None, _number("The force")] = None
 
     def _check(self) -> None:
         if (self.to is None) == (self.width_m is None):
-            raise InputError("Give the gripper open, close or a width, and only one of them.")
+            raise InputError("Give the gripper exactly one of open, close and a width.")
 
     def __str__(self) -> str:
         return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"

@@ -204,14 +204,9 @@ class ConstrainedTool:
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
-        """Find joints (dof,) nearby that are well inside the limits.
+        """Find joints (dof,) nearby that are well inside the limits; None if there are none.
 
-        Args:
-            joints: The joints (dof,) from which to start.
-            target_m: The required position of the tip (3,); None if it is free.
-
-        Returns:
-            The joints; None if there are none.
+        The tip is then at ``target_m`` (3,), or free.
         """
         q, point_m = joints.copy(), np.zeros(3) if target_m is None else target_m
         aims = target_m is not None
@@ -248,11 +243,11 @@ def _limits_of(
         inside = np.minimum(_INSIDE_M, _INSIDE_FRACTION * (high - low))
         for axis, side in enumerate(np.eye(3)):
             for corner, outward in ((low, -side), (high, side)):
-                yield _ToolLimit("box it stays in", "mm", 0.0, float(inside[axis]), outward, corner)
+                yield _ToolLimit("allowed box", "mm", 0.0, float(inside[axis]), outward, corner)
     if constraint.above_m is not None:
         normal = np.array(constraint.normal) / np.linalg.norm(np.array(constraint.normal))
         point = np.array(constraint.above_m)
-        yield _ToolLimit("half-space it stays in", "mm", 0.0, _INSIDE_M, -normal, point)
+        yield _ToolLimit("allowed half-space", "mm", 0.0, _INSIDE_M, -normal, point)
 
 
 def _rates(chain: Chain) -> tuple[Vector, Vector]:

@@ -25,8 +25,8 @@ from ikservo.kinematics.inertia import GRAVITY_M_S2
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
 from ikservo.model.joint_drive import nominal_parameters
-from ikservo.model.stopping_times import stopping_times_s
 from ikservo.model.tool import tool_frame
+from ikservo.model.travel_after_kill import stopping_times_s
 from ikservo.motion import (
     CartesianTrajectory,
     JointMove,
@@ -48,7 +48,6 @@ from ikservo.planning.motion_plan import (
 from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.planning.tool_orientation import (
     KEEP_BEST_EFFORT,
-    OrientationSolution,
     ToolOrientation,
     check_orientation_error,
     solve_with_orientation,
@@ -85,13 +84,13 @@ class PointGoal:
     Attributes:
         joints: All joints (n,), rad or m.
         target: The point.
-        solved: The orientation of the tool at the point.
+        solved: The solution for the point and the orientation of the tool.
         stance: The requested stance.
     """
 
     joints: Vector
     target: Target
-    solved: OrientationSolution
+    solved: Result
     stance: ToolOrientation
 
     def reached_by(self, plan: MotionPlan) -> MotionPlan:
@@ -137,7 +136,7 @@ class Planner:
         """
         limits, target = self.motion_limits(speed), Target(position_m)
         solved = self._solve_orientation(start, target, stance)
-        goal = self._index.with_chain(start, solved.solution.q)
+        goal = self._index.with_chain(start, solved.q)
         plan = self._make_plan(start, JointMove(start, goal, limits), speed)
         return _with_target(plan, target, solved, stance)
 
@@ -170,12 +169,8 @@ class Planner:
     ) -> MotionPlan:
         """Plan a motion of the tip from the joints ``start`` (n,) along a path.
 
-        Args:
-            start: All joints.
-            path: The path, which begins at ``path_start``.
-            speed: slow, normal or fast.
-            stance: The orientation of the tool at the end.
-            tool_speed_m_s: The constant speed of the tip; None: as fast as the speed class allows.
+        The path begins at ``path_start``. Without a constant ``tool_speed_m_s``, the tip is as fast
+        as the speed class allows.
 
         Raises:
             UnreachableError: The end, or another point of the path, is out of reach; it is named.
@@ -193,14 +188,16 @@ class Planner:
         q = self._index.chain_joints(start)
         target = Target(path.at(path.length)[0])
         solved = self._solve_orientation(start, target, replace(stance, keep=False))
-        end = solved.solution.q if stance.constrains_more_than_keep else None
+        end = solved.q if stance.constrains_more_than_keep else None
         line = self._follow_under_load(q, path, speed, tool_speed_m_s, end, strict=stance.keep)
-        solution = replace(
-            solved.solution, q=line.goal, nearest_m=self._chain.forward(line.goal)[:3, 3]
+        solved = replace(
+            solved,
+            q=line.goal,
+            nearest_m=self._chain.forward(line.goal)[:3, 3],
+            orientation_error_rad=float(line.orientation_error_rad.max()),
         )
-        error_rad = float(line.orientation_error_rad.max())
         if stance.constrains_more_than_keep:
-            error_rad = check_orientation_error(self._chain, self._tool, target, stance, solution)
+            solved = check_orientation_error(self._chain, self._tool, target, stance, solved)
         trajectory = SubsetTrajectory(line, list(self._index.chain), start)
         plan = replace(
             self._make_plan(start, trajectory, speed),
@@ -215,7 +212,7 @@ class Planner:
                     "a speed at which the motion takes at most an hour",
                 )
             plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
-        return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
+        return _with_target(plan, target, solved, stance)
 
     def plan_waypoints(
         self,
@@ -237,13 +234,13 @@ class Planner:
         goals, blends, at = list[Vector](), list[float](), start
         for point_m in points_m[:-1]:
             solved = self._solve_orientation(at, Target(point_m), KEEP_BEST_EFFORT)
-            at = self._index.with_chain(start, solved.solution.q)
+            at = self._index.with_chain(start, solved.q)
             goals.append(at)
-            J = self._chain.jacobian(solved.solution.q)[:3]
+            J = self._chain.jacobian(solved.q)[:3]
             # With this blend of the joints the tip passes the point within ``blend_m``.
             blends.append(blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum())))
         solved = self._solve_orientation(at, target, stance)
-        goals.append(self._index.with_chain(start, solved.solution.q))
+        goals.append(self._index.with_chain(start, solved.q))
         plan = self._make_plan(start, JointWaypointTrajectory(start, goals, limits, blends), speed)
         return _with_target(plan, target, solved, stance)
 
@@ -252,11 +249,7 @@ class Planner:
     ) -> MotionPlan:
         """Plan a joint motion through points (n,), with rounded corners and a final rest.
 
-        Args:
-            start: All joints.
-            points: The points; the last one is the goal.
-            speed: slow, normal or fast.
-            blend: The distance before a point at which the straight path is left, rad or m.
+        ``blend`` is the distance before a point at which the straight path is left, rad or m.
         """
         trajectory = JointWaypointTrajectory(start, points, self.motion_limits(speed), blend)
         return self._make_plan(start, trajectory, speed)
@@ -312,12 +305,12 @@ class Planner:
             if solved is None:
                 misses += 1
                 continue
-            if tool is not None and not tool.keeps(solved.solution.q[None])[0]:
-                inside = tool.project(solved.solution.q, target.position)
+            if tool is not None and not tool.keeps(solved.q[None])[0]:
+                inside = tool.project(solved.q, target.position)
                 if inside is None or stance.is_constrained:
                     continue
-                solved = replace(solved, solution=replace(solved.solution, q=inside))
-            joints = self._index.with_chain(start, solved.solution.q)
+                solved = replace(solved, q=inside)
+            joints = self._index.with_chain(start, solved.q)
             apart = [float(np.abs(joints - each.joints).max()) for each in found]
             if min(apart, default=1.0) > _SAME_GOAL:
                 found.append(PointGoal(joints, target, solved, stance))
@@ -385,7 +378,7 @@ class Planner:
                 one.
         """
         solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
-        return self._index.with_chain(start, solved.solution.q)
+        return self._index.with_chain(start, solved.q)
 
     def path_start(self, start: Vector) -> Vector:
         """Compute the tip (3,) [m] at which a path from the joints ``start`` (n,) begins.
@@ -428,27 +421,24 @@ class Planner:
             for joint, top_rad_s in zip(self._joints, self._top_speeds_rad_s, strict=True)
         ]
 
-    def _solve_orientation(
-        self, start: Vector, target: Target, stance: ToolOrientation
-    ) -> OrientationSolution:
+    def _solve_orientation(self, start: Vector, target: Target, stance: ToolOrientation) -> Result:
         q = self._index.chain_joints(start)
         solved = solve_with_orientation(self._chain, self._tool, target, stance, q)
-        if not solved.solution.reached:
-            raise unreachable_error(target, solved.solution)
+        if not solved.reached:
+            raise unreachable_error(target, solved)
         return solved
 
     def _solve_variation(
         self, target: Target, wanted: ToolOrientation, stance: ToolOrientation, q: Vector
-    ) -> OrientationSolution | None:
+    ) -> Result | None:
         """Solve for ``wanted``, an orientation that ``stance`` allows; None without a solution."""
         try:
             solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
             if wanted is not stance:
-                arguments = (self._chain, self._tool, target, stance, solved.solution)
-                solved = replace(solved, error_rad=check_orientation_error(*arguments))
+                solved = check_orientation_error(self._chain, self._tool, target, stance, solved)
         except OrientationError:
             return None
-        return solved if solved.solution.reached else None
+        return solved if solved.reached else None
 
     def _clip_to_limits(self, joints: Vector) -> Vector:
         """Return all joints (n,), with the chain's joints clipped to its limits."""
@@ -498,7 +488,7 @@ class Planner:
                 return follow(loaded)
             except CartesianPathError as found:
                 error = found
-        cause = "a joint that holds the arm's weight stays short of its limit"
+        cause = "a joint that holds the arm's weight cannot go right up to its limit"
         binding = [*error.binding, cause]
         raise CartesianPathError(
             error.along_m, error.target_m, error.nearest_m, binding, error.shape
@@ -539,13 +529,13 @@ class Planner:
 
 
 def _with_target(
-    plan: MotionPlan, target: Target, solved: OrientationSolution, stance: ToolOrientation
+    plan: MotionPlan, target: Target, solved: Result, stance: ToolOrientation
 ) -> MotionPlan:
     """Return the plan with its target and the tool's orientation at the target."""
     return replace(
         plan,
         target_m=target.position,
-        solution=solved.solution,
-        orientation_error_rad=solved.error_rad,
+        solution=solved,
+        orientation_error_rad=solved.orientation_error_rad,
         orientation_requested=stance.is_constrained,
     )

@@ -1,4 +1,4 @@
-"""The library of taught poses: one small file for each arm and adapter.
+"""Taught poses, a small file for each arm and adapter, and poses clamped to the limits.
 
 ``poses/so101-58FA083.toml`` in the user's configuration folder has the form of an arm file's poses,
 degrees for revolute joints and metres for prismatic ones, and may be edited by hand::
@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -27,6 +28,8 @@ from ikservo.errors import BadValueError, FileFormatError, UnknownNameError, sho
 from ikservo.files.reading import config_dir, read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import exclusive_access, write_atomic
+from ikservo.guard import DrivenJoint
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.arm_schema import ArmPose
 from ikservo.planning.context import ArmContext
@@ -47,12 +50,7 @@ class _PoseFile(StrictModel):
 
 
 class PoseLibrary:
-    """The poses of one arm: from its arm file, and taught poses.
-
-    Args:
-        model: The arm.
-        usb_serial_number: The serial number of the adapter; empty if there is none.
-    """
+    """The poses of one arm: from its arm file, and taught poses."""
 
     def __init__(self, model: Model, usb_serial_number: str) -> None:
         self._model, self.path = model, pose_path(model.name, usb_serial_number)
@@ -117,11 +115,7 @@ class PoseLibrary:
         return name
 
     def save(self, name: str, positions: Positions) -> Path:
-        """Save a pose, replacing any pose with that name; return the file.
-
-        Args:
-            name: See ``check_name``.
-            positions: Every joint, rad or m.
+        """Save all joints, rad or m, as a pose, replacing any pose with that name; return the file.
 
         Raises:
             BadValueError: The name cannot be used.
@@ -190,3 +184,66 @@ def known_pose_names(model: Model) -> list[str]:
         for stem in own
     ]
     return sorted({*model.poses, *(name for poses in taught for name in poses)})
+
+
+# A joint that was on its end stop when a pose was taught is at most this far beyond its limit.
+_END_STOP_RAD = math.radians(6.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithinLimits:
+    """A pose clamped to the limits of an arm.
+
+    Attributes:
+        positions: The positions by joint, rad or m.
+        changed: Descriptions of joints that stop at a limit short of the pose.
+    """
+
+    positions: dict[str, float]
+    changed: tuple[str, ...]
+
+
+def clamp_positions(
+    positions: Mapping[str, float],
+    driven_joints: Sequence[DrivenJoint],
+    start: Vector,
+    max_rad: float = _END_STOP_RAD,
+) -> PoseWithinLimits:
+    """Clamp joint positions that are slightly beyond the limits.
+
+    A clamped joint stays inside its limit by the distance at which friction may stop it. Other
+    joints keep their positions (rad or m), and a joint that is beyond its limit at ``start`` (n,)
+    need not move inside. Joints that are further beyond than ``max_rad``, as an angle of the horn,
+    are not clamped; the guard refuses them.
+    """
+    clamped, changed = dict(positions), list[str]()
+    for driven, at in zip(driven_joints, start.tolist(), strict=True):
+        if driven.joint not in positions or driven.limits.contains(positions[driven.joint]):
+            continue
+        requested, (low, high) = positions[driven.joint], driven.position_range
+        joint_map = driven.joint_map
+        beyond = max(low - requested, requested - high)
+        if beyond > joint_map.unit_per_tick:  # less is rounding
+            low, high = driven.settled_range
+        inside = min(max(requested, min(low, at)), max(high, at))
+        beyond_rad = beyond / joint_map.unit_per_horn_rad
+        if inside != requested and beyond_rad <= max_rad:
+            clamped[driven.joint] = inside
+            goes_to, asked = joint_map.format(inside), joint_map.format(requested)
+            if goes_to != asked:  # otherwise it is rounding
+                limit = driven.limits.upper if requested > inside else driven.limits.lower
+                why = f"its limit is {joint_map.format(limit.value)} ({limit.source})"
+                changed.append(f"{driven.joint} goes to {goes_to}, not to {asked}, because {why}")
+    return PoseWithinLimits(clamped, tuple(changed))
+
+
+def clamp_pose(
+    name: str, pose: Mapping[str, float], driven_joints: Sequence[DrivenJoint], start: Vector
+) -> PoseWithinLimits:
+    """Clamp a named pose to the limits; see ``clamp_positions``.
+
+    The rest pose is clamped however far it is outside, because it must always be possible to lower
+    an arm. Other poses may have joints on their end stops, just beyond a limit.
+    """
+    max_rad = math.inf if name == "rest" else _END_STOP_RAD
+    return clamp_positions(pose, driven_joints, start, max_rad)

@@ -28,14 +28,7 @@ from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import (
-    RETRACT_POSES,
-    MotionPlan,
-    PoseWithinLimits,
-    clamp_pose,
-    clamp_positions,
-    via_pose_plan,
-)
+from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import (
     THINK_S,
     Draw,
@@ -51,7 +44,7 @@ from ikservo.planning.motions import (
 )
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.planner import Planner, PointGoal
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits, clamp_pose, clamp_positions
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 
 # A gripper's goal leads it by more than this at the horn while it presses on something.
@@ -134,13 +127,7 @@ class _MotionRequest:
 
 
 class PreflightPlanner:
-    """Plans the motions of an arm and checks their paths without moving it.
-
-    Args:
-        context: The arm.
-        runner: Provides the start of a motion and its allowed speed.
-        poses: The poses of the arm.
-    """
+    """Plans the motions of an arm and checks their paths without moving it."""
 
     def __init__(self, context: ArmContext, runner: MotionStart, poses: PoseLibrary) -> None:
         self._context, self._runner, self._poses = context, runner, poses
@@ -304,7 +291,7 @@ class PreflightPlanner:
             was_typed = goal == round(goal, 3)  # 900° of a program file are 15.70796… rad
             if turned and was_typed and lower <= radians(goal) <= upper:
                 meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
-                return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
+                return f"Positions are in radians. Did you mean {goal:g} degrees? Give {meant}."
         return ""
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
@@ -396,10 +383,6 @@ class PreflightPlanner:
     def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
         """Make a plan whose path is free: the direct one, or the first free alternative.
 
-        Args:
-            request: The motion.
-            direct: The direct plan of the motion; None makes it here.
-
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
         """
@@ -473,7 +456,7 @@ class PreflightPlanner:
                 plan = self._check_clear(request, tried)
                 if not isinstance(motion, MoveTo | MoveJoints):
                     to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
-                    blocked.command_hint += f" The joints can go around it: ikservo move {to}."
+                    blocked.command_hint += f" A joint motion can go around it: ikservo move {to}."
                     return
                 for point in points:
                     if np.allclose(point.joints, plan.goal):
@@ -486,7 +469,7 @@ class PreflightPlanner:
             return
         load_factor = self._planner.dynamic_load_factor(request.allowed)
         if all(request.arm.is_in_contact(goal, load_factor, 0.0) for goal in goals):
-            blocked.command_hint += " The arm would touch something in each posture at the goal."
+            blocked.command_hint += " The arm would touch something in every posture at the target."
         else:
             blocked.command_hint += f" A search of {spent_s:.1g} s found no path around it."
 
@@ -535,6 +518,8 @@ class PreflightPlanner:
 
         The first one moves only as far as needed to touch nothing.
         """
+        from ikservo.planning.ways_around import RETRACT_POSES  # noqa: PLC0415
+
         start, allowed = request.start, request.allowed
         free = request.arm.nearest_free_joints(start)
         out = free is not None and self._planner.plan_to_joints(
@@ -555,6 +540,8 @@ class PreflightPlanner:
         return self._planner.plan_to_joints(start, inside.positions, allowed)
 
     def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
+        from ikservo.planning.ways_around import via_pose_plan  # noqa: PLC0415
+
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
 
@@ -577,11 +564,7 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan a motion from the joints ``start`` (n,) [rad or m]; collisions are not checked.
 
-    Args:
-        planner: The planner of the arm.
-        motion: The motion.
-        start: All joints.
-        speed: The speed class, which may be slower than the motion's own.
+    The speed class may be slower than the motion's own.
 
     Raises:
         UnreachableError: A point is out of reach.

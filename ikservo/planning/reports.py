@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.errors import UnknownNameError, format_point
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
@@ -185,7 +185,7 @@ class MoveResult:
 
     def __str__(self) -> str:
         """Show the error and the duration; ``repr`` shows all fields."""
-        off = f"{1e3 * self.error_m:.1f} mm off {format_point(self.target_m)}"
+        off = f"{1e3 * self.error_m:.1f} mm from {format_point(self.target_m)}"
         return _ended(self.reached, off, self.duration_s, self.binding)
 
 
@@ -216,7 +216,7 @@ class JointMoveResult:
 
     def __str__(self) -> str:
         """Show the error and the duration; ``repr`` shows all fields."""
-        off = f"{', '.join(self.goal_rad)} at most {self.error_rad:.4f} off"
+        off = f"{', '.join(self.goal_rad)} off by at most {self.error_rad:.4f}"
         return _ended(self.reached, off, self.duration_s, self.binding)
 
 
@@ -303,7 +303,7 @@ def describe_torque(states: Sequence[JointState]) -> str:
     if not limp:
         return "torque stays on"
     if len(limp) == len(states):
-        return "torque is off, the arm is limp"
+        return "torque is off; the arm is limp"
     return f"the torque of {', '.join(limp)} is off"
 
 

@@ -17,11 +17,7 @@ _HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo
 
 
 def plan_return(context: ArmContext, start: Vector) -> Trajectory:
-    """Plan and check a joint motion back inside the limits.
-
-    Args:
-        context: The arm.
-        start: The measured joints (n,), rad or m.
+    """Plan and check a joint motion from measured joints (n,), rad or m, back inside the limits.
 
     Raises:
         RefusedError: A joint is more than 5° outside at its horn, or the arm would touch something
@@ -32,8 +28,8 @@ def plan_return(context: ArmContext, start: Vector) -> Trajectory:
     turned_rad = np.abs(goal - start) / context.units_per_rad()
     outside = f"{context.servos.names[int(turned_rad.argmax())]} is outside its limits"
     if turned_rad.max() > _MAX_RETURN_RAD:
-        far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° of its servo"
-        most = f"at most {math.degrees(_MAX_RETURN_RAD):.0f}° are moved back without a request"
+        far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° at its servo"
+        most = f"without a request, it moves back by at most {math.degrees(_MAX_RETURN_RAD):.0f}°"
         raise RefusedError(f"{far}; {most}.", _HINT)
     try:
         if turned_rad.max() > 0.0:

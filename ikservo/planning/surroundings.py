@@ -32,11 +32,7 @@ class Turn:
 
     @contextmanager
     def taken(self, arm: object, other: str) -> Generator[None]:
-        """Hold the lock for an arm while the block runs.
-
-        Args:
-            arm: One of the two arms.
-            other: The name of the other arm.
+        """Hold the lock for an arm while the block runs; the other arm is named.
 
         Raises:
             RefusedError: The other arm is moving.

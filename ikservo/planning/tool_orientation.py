@@ -169,22 +169,7 @@ KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4  # a smaller error, or change of the headi
 POSITION_TOLERANCE_M = 1e-5  # a larger error of the tip means that the point is out of reach
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OrientationSolution:
-    """Joints for a point, and the orientation error of the tool there.
-
-    Attributes:
-        solution: The solver's result; ``reached`` and its error refer to the position.
-        error_rad: The angle between the tool and its requested orientation.
-    """
-
-    solution: Result
-    error_rad: float
-
-
-def keep_orientation(
-    chain: Chain, target: Target, start: Vector, plain: Result
-) -> OrientationSolution:
+def keep_orientation(chain: Chain, target: Target, start: Vector, plain: Result) -> Result:
     """Return the joints near an unconstrained solution that best keep the tool's orientation."""
     plane = ArmPlane(chain)
     first = plane.rotation(start).T @ chain.forward(start)[:3, :3]
@@ -200,8 +185,14 @@ def keep_orientation(
             break
     T = chain.forward(q)
     gap_m = float(np.linalg.norm(T[:3, 3] - target.position))
-    result = replace(plain, q=q, nearest_m=T[:3, 3], position_error_m=gap_m)
-    return OrientationSolution(result, float(np.linalg.norm(log_so3(desired @ T[:3, :3].T))))
+    turned_rad = float(np.linalg.norm(log_so3(desired @ T[:3, :3].T)))
+    return replace(
+        plain,
+        q=q,
+        nearest_m=T[:3, 3],
+        position_error_m=gap_m,
+        orientation_error_rad=turned_rad,
+    )
 
 
 # Few restarts: most of these problems have no exact solution, and each restart fails.
@@ -221,7 +212,7 @@ class OrientationSolver:
         self._stance, self._start = stance, start
         self._first = chain.forward(start)[:3, :3]
 
-    def candidates(self, plain: Result) -> Iterator[OrientationSolution]:
+    def candidates(self, plain: Result) -> Iterator[Result]:
         """Yield solutions, starting with those near the unconstrained one."""
         whole = self._target_rotation()
         if whole is not None:
@@ -231,7 +222,7 @@ class OrientationSolver:
         else:
             pitch_rad = self._stance.pitch_rad
             if pitch_rad is None:
-                level = keep_orientation(self._chain, self._target, self._start, plain).solution.q
+                level = keep_orientation(self._chain, self._target, self._start, plain).q
                 pitch_rad = self._tool.pitch_rad(self._tool_rotation(level))
             outward = self._outward_rad(plain.q)
             for heading_rad in (outward, self._heading_rad(plain.q), outward + math.pi):
@@ -243,8 +234,8 @@ class OrientationSolver:
             return self._first
         return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
 
-    def evaluate(self, solution: Result) -> OrientationSolution:
-        """Compute the largest angle between tool and requested orientation in a solution."""
+    def evaluate(self, solution: Result) -> Result:
+        """Return a solution with the largest angle between tool and requested orientation."""
         R, stance, errors = self._tool_rotation(solution.q), self._stance, [0.0]
         if stance.pitch_rad is not None:
             errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
@@ -259,16 +250,16 @@ class OrientationSolver:
         whole = self._target_rotation()
         if whole is not None:
             errors.append(float(np.linalg.norm(log_so3(whole @ R.T))))
-        return OrientationSolution(solution, max(errors))
+        return replace(solution, orientation_error_rad=max(errors))
 
-    def check_error(self, solved: OrientationSolution) -> float:
-        """Check that the orientation error is within the tolerance, and return it.
+    def check_error(self, solved: Result) -> None:
+        """Check that the orientation error is within the tolerance.
 
         Raises:
             OrientationError: The error is larger.
         """
-        if solved.error_rad <= self._stance.tolerance_rad:
-            return solved.error_rad
+        if solved.orientation_error_rad <= self._stance.tolerance_rad:
+            return
         missing = ""
         if self._target_rotation() is not None and self._chain.dof < _POSE_DOF:
             missing = (
@@ -278,9 +269,9 @@ class OrientationSolver:
         raise OrientationError(
             self._target.position.tolist(),
             str(self._stance),
-            self._describe_orientation(solved.solution.q),
-            solved.error_rad,
-            [str(limit) for limit in solved.solution.binding],
+            self._describe_orientation(solved.q),
+            solved.orientation_error_rad,
+            [str(limit) for limit in solved.binding],
             missing,
         )
 
@@ -296,7 +287,7 @@ class OrientationSolver:
         ]
         return ", ".join(parts)
 
-    def _solve_direction(self, q: Vector) -> Iterator[OrientationSolution]:
+    def _solve_direction(self, q: Vector) -> Iterator[Result]:
         desired = Target((0, 0, 0), direction=self._stance.direction).target_axis
         if desired is None or self._stance.roll_rad is None:
             yield from self._solve_target(desired, q)
@@ -307,9 +298,7 @@ class OrientationSolver:
         R = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
         yield from self._solve_target(R, q)
 
-    def _solve_pitch(
-        self, heading_rad: float, pitch_rad: float, q: Vector
-    ) -> Iterator[OrientationSolution]:
+    def _solve_pitch(self, heading_rad: float, pitch_rad: float, q: Vector) -> Iterator[Result]:
         """Yield solutions with a pitch, each with the heading of the previous one."""
         for _ in range(MAX_HEADING_ITERATIONS):
             if self._stance.roll_rad is None:
@@ -318,16 +307,14 @@ class OrientationSolver:
                 desired = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
             found = list(self._solve_target(desired, q))
             yield from found
-            if not found or found[0].error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
+            if not found or found[0].orientation_error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
                 return
-            q = found[0].solution.q
+            q = found[0].q
             before, heading_rad = heading_rad, self._heading_rad(q)
             if abs(math.remainder(heading_rad - before, math.tau)) < KEPT_ORIENTATION_TOLERANCE_RAD:
                 return
 
-    def _solve_target(
-        self, desired: Matrix | Vector | None, q: Vector
-    ) -> Iterator[OrientationSolution]:
+    def _solve_target(self, desired: Matrix | Vector | None, q: Vector) -> Iterator[Result]:
         """Yield solutions with the point and an orientation (3, 3) or direction (3,)."""
         of_axis = desired is None or desired.ndim == 1
         target = Target(
@@ -358,32 +345,27 @@ class OrientationSolver:
 
 def solve_with_orientation(
     chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
-) -> OrientationSolution:
+) -> Result:
     """Solve for the joints at a point: position exactly, then orientation as well as possible.
 
-    Args:
-        chain: The arm.
-        tool: The axes of the tool.
-        target: The point.
-        stance: The requested orientation.
-        start: The present joints (dof,), which define the start and the orientation to keep.
+    The present joints (dof,) define the start and the orientation to keep.
 
     Returns:
-        The solution; if ``solution.reached`` is false, the point is out of reach.
+        The solution; its orientation error is that of the tool, ``reached`` is for the point.
 
     Raises:
         OrientationError: The error of a requested orientation exceeds its tolerance.
     """
     plain = solve(chain, target, start, posture=stance.posture)
     if not plain.reached or stance.posture is not None:
-        return OrientationSolution(plain, 0.0)
+        return plain
     if not stance.is_constrained:
         return keep_orientation(chain, target, start, plain)
     solver = OrientationSolver(chain, tool, target, stance, start)
     best = solver.evaluate(plain)
     for candidate in solver.candidates(plain):
-        best = min(best, candidate, key=lambda each: each.error_rad)
-        if best.error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
+        best = min(best, candidate, key=lambda each: each.orientation_error_rad)
+        if best.orientation_error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
             break
     solver.check_error(best)
     return best
@@ -391,11 +373,13 @@ def solve_with_orientation(
 
 def check_orientation_error(
     chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, solution: Result
-) -> float:
-    """Compute the orientation error of the tool in a solution, rad.
+) -> Result:
+    """Return a solution with the orientation error of the tool.
 
     Raises:
         OrientationError: The error is larger than the tolerance.
     """
     solver = OrientationSolver(chain, tool, target, stance, solution.q)
-    return solver.check_error(solver.evaluate(solution))
+    solved = solver.evaluate(solution)
+    solver.check_error(solved)
+    return solved

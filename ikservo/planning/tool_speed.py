@@ -43,10 +43,7 @@ class ToolSpeed:
     def with_reasons(self, joints: tuple[str, ...], speed: str, cap_m_s: float) -> ToolSpeed:
         """Return the speed with the reasons that limit it, if it is lower than requested.
 
-        Args:
-            joints: The joints at their top speed or acceleration.
-            speed: The speed class.
-            cap_m_s: The highest speed of the tip in this class.
+        ``joints`` are at their top speed or acceleration; ``cap_m_s`` is the top speed of the tip.
         """
         if self.is_constant:
             return self
@@ -64,7 +61,7 @@ class ToolSpeed:
             return f"{requested}, constant except for the ramps at both ends"
         why = f" ({', '.join(self.limited_by)})" if self.limited_by else ""
         if self.top_m_s < (1.0 - _SAME) * self.requested_m_s:
-            return f"not {requested}: {top} at most{why}"
+            return f"at most {top} instead of {requested}{why}"
         return f"{requested}, but only {slowest} at the slowest point of the path{why}"
 
 
@@ -76,13 +73,7 @@ def sample_times_s(trajectory: Trajectory) -> list[float]:
 
 
 def tool_speed_between(tips_m: Matrix, step_s: float, requested_m_s: float) -> ToolSpeed:
-    """Compute the speed of a tip from its points (k, 3) [m] at equal time steps.
-
-    Args:
-        tips_m: The points, from rest to rest.
-        step_s: The time between two points.
-        requested_m_s: The requested speed.
-    """
+    """Compute the speed of a tip from rest to rest, from points (k, 3) [m] at equal time steps."""
     speeds = np.linalg.norm(np.diff(tips_m, axis=0), axis=1) / max(step_s, 1e-12)
     fast = np.flatnonzero(speeds >= (1.0 - _SAME) * requested_m_s)
     top = float(speeds.max(initial=0.0))

@@ -1,16 +1,19 @@
-"""Joint-space paths around obstacles that block the straight path."""
+"""Joint-space paths around obstacles on the straight path, and paths through another pose."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
 
-from ikservo.guard.way_search import WaySearch
+from ikservo.guard.path_search import WaySearch
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.motion import ConcatenatedTrajectory
 from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.path_constraint import ConstrainedTool
 
 BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
@@ -18,6 +21,9 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 
 MARGINS_M = (0.01, 0.003, 0.0003)
 """Clearances of paths from all obstacles, the largest first [m]."""
+
+RETRACT_POSES = ("home", "rest")
+"""Retract poses to try, in this order; every arm file has them."""
 
 _EFFORT = 1000  # postures checked for a clearance before the next one; doubles in each round
 _WIDE_EFFORT = 500  # the same for the largest clearance: if it is possible, a path is found soon
@@ -40,14 +46,8 @@ def ways_around(
 ) -> Iterator[Matrix]:
     """Yield paths around obstacles: postures (k, n) connected by straight joint motions.
 
-    Args:
-        context: The arm, whose paths are checked.
-        start: All joints (n,), collision-free.
-        goals: The possible ends (m, n).
-        load_factor: Multiple of gravity while the arm brakes.
-        tool: The constraint of the tool on the path.
-        is_over: Returns whether the search must end; called often.
-        takes_time: Whether a path is shortened until the search must end.
+    All joints at the start (n,) are collision-free; goals (m, n) are possible ends. With
+    ``takes_time``, a path is shortened until ``is_over``, which is called often, ends the search.
 
     Yields:
         Paths with decreasing clearance, until the search ends.
@@ -124,3 +124,24 @@ def postures_nearby(context: ArmContext, start: Vector, load_factor: float) -> I
     joints = joints[np.argsort(np.abs(joints - start).max(axis=1))]
     space = checker.clear_space(MARGINS_M[-1], load=load_factor)
     yield from joints[space.contains(index.body_joints(joints))]
+
+
+def via_pose_plan(
+    first: MotionPlan, then: MotionPlan, pose: str, orientation_change_rad: float
+) -> MotionPlan:
+    """Return a plan that moves to a pose, stops there, and continues from it.
+
+    The change of orientation is that from the start of ``first`` to the goal of ``then``.
+    """
+    return replace(
+        then,
+        start=first.start,
+        orientation_change_rad=orientation_change_rad,
+        trajectory=ConcatenatedTrajectory(first.trajectory, then.trajectory),
+        path_m=first.path_m + then.path_m,
+        duration_s=first.duration_s + then.duration_s,
+        time_limiting_joints=tuple(
+            dict.fromkeys(first.time_limiting_joints + then.time_limiting_joints)
+        ),
+        via_pose=pose,
+    )

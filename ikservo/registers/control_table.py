@@ -23,13 +23,7 @@ class Alarm(StrEnum):
 
 
 def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
-    """Decode the alarms in a status byte.
-
-    Args:
-        bits: The byte as sent by the servo.
-        meaning: The alarm for each bit number, from the servo's table. A bit that the data sheet
-            does not name is reported as ``Alarm.UNKNOWN``.
-    """
+    """Decode the alarms in a status byte; an unknown bit is reported as ``Alarm.UNKNOWN``."""
     if not bits:
         return frozenset()
     set_bits = (bit for bit in range(8) if bits >> bit & 1)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.kinematics import Chain
 from ikservo.model import Model
 from ikservo.ros_messages.link_transforms import LinkTransforms, quaternions
@@ -17,13 +17,7 @@ from ikservo.ros_messages.message_types import encode, make
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A ROS 2 topic.
-
-    Attributes:
-        name: Name with its leading slash.
-        kind: The type of its messages.
-        latched: Whether the last message is kept for later subscribers.
-    """
+    """A ROS 2 topic, with its leading slash; a latched one keeps its last message."""
 
     name: str
     kind: str
@@ -39,13 +33,7 @@ DESCRIPTION = Topic("/robot_description", "std_msgs/msg/String", latched=True)
 
 @dataclass(frozen=True, slots=True)
 class RosMessage:
-    """An encoded ROS 2 message.
-
-    Attributes:
-        topic: The topic of the message.
-        time_ns: Time of the content, nanoseconds since 1970.
-        data: The encoded message, CDR.
-    """
+    """An encoded ROS 2 message (CDR), with the time of its content, nanoseconds since 1970."""
 
     topic: Topic
     time_ns: int
@@ -56,12 +44,7 @@ _OK, _WARN, _ERROR = 0, 1, 2
 
 
 class ArmMessages:
-    """Makes the messages of an arm.
-
-    Args:
-        model: The arm.
-        chain: The calibrated chain of the arm.
-    """
+    """Makes the messages of an arm."""
 
     def __init__(self, model: Model, chain: Chain) -> None:
         self._model, self._chain = model, chain

@@ -38,8 +38,7 @@ class LinkTransforms:
 def _column_of_all(step: ChainJoint, chain: Chain, names: Sequence[str]) -> ChainJoint:
     """Return a joint that takes its value from the vector of all joints.
 
-    This also holds for a joint beside the path to the tip, such as a jaw, which the chain does not
-    move.
+    The chain from base to tip does not contain every joint: a jaw, for example, is a branch of it.
     """
     joint = step.joint
     if step.scale:

@@ -52,8 +52,8 @@ def encode(kind: str, message: object) -> bytes:
 def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     """Decode a message from CDR.
 
-    Bytes after its last field are ignored, because ROS 2's ``serialize_message`` leaves some there,
-    up to 16 per point of a trajectory.
+    Bytes after the last field are ignored, because ROS 2's ``serialize_message`` may append up to
+    16 bytes per point of a trajectory.
 
     Raises:
         InputError: The data is not a message of that type.

@@ -162,12 +162,7 @@ class StopResult:
 
 @dataclass(frozen=True, slots=True)
 class StopAllResult:
-    """The outcome of stopping several arms.
-
-    Attributes:
-        stopped: The arms that have confirmed the stop.
-        errors: Errors for arms that could not be stopped or did not confirm the stop.
-    """
+    """The arms that have confirmed a stop, and an error for each other arm."""
 
     stopped: tuple[StopResult, ...] = ()
     errors: tuple[IkservoError, ...] = ()
@@ -187,11 +182,7 @@ def send_command(
 ) -> Any:  # noqa: ANN401  # any JSON value
     """Send a command to the process that has a device open.
 
-    Args:
-        device: The port, by any of its names.
-        command: The command.
-        timeout_s: The time that the reply may take; relaxing is slow.
-        arm: The arm's name, needed if the process has two arms on the device.
+    The device has any of its names; the arm's is needed if the process has two arms on it.
 
     Returns:
         The result as JSON values, or None if no process listens.
@@ -247,17 +238,13 @@ def _exchange_lines(connection: socket.socket, request: Request, timeout_s: floa
         connection.settimeout(max(1e-3, deadline_s - time.monotonic()))
         piece = connection.recv(MAX_REPLY_BYTES + 1 - len(reply))
         if not piece:
-            raise ConnectionError("it has too many callers, or has just ended")
+            raise ConnectionError("it has too many connections, or has just ended")
         reply += piece
     return reply
 
 
 def request_stop(device: str, arm: str) -> StopResult | None:
     """Stop an arm through the program that has its port open; return None if there is none.
-
-    Args:
-        device: The port, by any of its names.
-        arm: The arm's name.
 
     Raises:
         IkservoError: That program cannot stop the arm.

@@ -29,9 +29,7 @@ _MAX_PATH_CHARS = 100
 def socket_path(device: str, arm: str = "") -> Path:
     """Return the socket path of a device; it is the same for all names of the device.
 
-    Args:
-        device: The port.
-        arm: The arm's name, if another arm on this device listens at the path without a name.
+    ``arm`` is named if another arm on this device listens at the path without a name.
     """
     real = device if "://" in device else os.path.realpath(device)
     real += f"#{arm}" if arm else ""

@@ -22,12 +22,7 @@ _MAX_AGE_S = 600.0
 
 
 def leave_mark(device: str = "", arm: str = "") -> None:
-    """Prevent programs that are already running from moving; ignore write errors.
-
-    Args:
-        device: The port of the arm; every port if empty.
-        arm: The name of the arm; every arm if empty.
-    """
+    """Stop running programs (of one port, of one arm) before they move; ignore write errors."""
     path = _mark_path(device, arm)
     with contextlib.suppress(OSError, IkservoError):
         make_private_directory(path.parent)

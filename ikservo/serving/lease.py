@@ -21,13 +21,7 @@ _MAX_AHEAD_S = 0.3  # a message further ahead means that the clocks were not com
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """The operator who controls an arm.
-
-    Attributes:
-        lease: The proof of control that each message carries.
-        operator: The name of the operator, for other people.
-        since_s: Start of the control, by the clock of the server.
-    """
+    """The operator who controls an arm, the proof of it, and its start by the server's clock."""
 
     lease: str
     operator: str
@@ -50,7 +44,6 @@ class ArmLease:
         timeout_s: The time for which a message is valid and keeps a motion running.
 
     Attributes:
-        timeout_s: The dead-man time-out.
         dropped: The number of setpoints that were dropped.
     """
 
@@ -80,7 +73,7 @@ class ArmLease:
 
     @contextmanager
     def motion(self, lease: str) -> Generator[None]:
-        """Mark a motion as running within the block, in which its operator must send messages.
+        """Mark a motion as running in the ``with`` block; its operator must then send messages.
 
         Raises:
             LeaseLostError: The motion is requested under a lease that is no longer valid.
@@ -102,9 +95,7 @@ class ArmLease:
     def acquire(self, operator: str, *, take_over: bool = False) -> Holder:
         """Give the lease to an operator.
 
-        Args:
-            operator: The name of the operator.
-            take_over: Whether to take the lease from the holder, as the pages of one person do.
+        ``take_over`` takes the lease from the holder, as the pages of one person do.
 
         Raises:
             RefusedError: Another operator controls the arm, or the lease was closed.
@@ -171,12 +162,12 @@ class ArmLease:
             if not self.is_held_by(lease):
                 raise LeaseLostError
             if number <= self._request_number:
-                raise RefusedError("A request was repeated by the network.", "Nothing was sent.")
+                raise RefusedError("The network repeated a request.", "The arm ignored it.")
             if not self._is_fresh(sent_s):
                 late_s = self._clock.now_s() - sent_s
                 raise RefusedError(
                     f"A request arrived {late_s:.1f} s after it was sent.",
-                    "Nothing was sent. The network delays messages; try again.",
+                    "The arm ignored it. The network is slow; try again.",
                 )
             self._request_number, self._received_s = number, self._clock.now_s()
 

@@ -27,8 +27,8 @@ def error_fields(error: BaseException) -> dict[str, Any]:
     values.
     """
     if not isinstance(error, IkservoError):
-        text = f"The request failed there: {type(error).__name__}: {error}".removesuffix(": ")
-        error = IkservoError(text)
+        what = f"{type(error).__name__}: {error}".removesuffix(": ")
+        error = IkservoError(f"The request failed in the other program: {what}")
     details: dict[str, object] = {}
     for name, value in vars(error).items():
         if not _is_detail(type(error), name):

@@ -14,15 +14,13 @@ _FRACTION_PER_S = 4.0  # the goal moves by this fraction of the error per second
 _MIN_RAD_S = 16 * math.tau / 4096  # at the horn, not slower: stiction must be overcome soon
 # A servo may have less friction than the model, by this fraction of both directions together.
 _FRICTION_MARGIN = 0.15
-# While the joint jumps its goal goes back: otherwise it would overshoot.
-_BRAKE_S = 0.05  # the goal goes back by this time multiplied by the joint's speed
-_BRAKE_FILTER_S = 0.02  # filter of that speed
-_MAX_BRAKE_TICKS = 4.0  # the goal goes back no further, or a fast swing would make it leap
 # A joint that swung in its backlash is corrected again once it rests, slower each time [rad/s at
 # the horn], because it must not coast across its backlash.
 _SWUNG_RAD_S = (0.015, 0.01)
 # It drifts on in its backlash when its goal has stopped; reversing then would throw it again.
-_SWUNG_ENOUGH_TICKS = 2
+_SWUNG_ENOUGH_TICKS = 3
+# A joint whose servo is softened carries so little that its goal leads it by no more than this.
+_MAX_SOFT_LEAD_TICKS = 6.0
 # Near its target, the correction waits for a joint that has just moved, because it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -32,6 +30,7 @@ _AT_REST_S = 0.06
 _UNLOADED_REST_S = 0.15
 # Sensor noise is below this.
 _NOISE_TICKS = 1
+_IDLE_TICKS = 3  # a joint that only has to come to rest, such as a gripper, may flicker by this
 
 
 class Saturation(Enum):
@@ -62,10 +61,10 @@ class GoalIntegrator:
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
     When it has crossed the target, or is pressed away from it, an error of one tick is accepted,
     because reversing would cross the backlash and make it jump further. Each time it jumps over the
-    target again, the accepted error doubles. While it moves, its goal moves back, against its
-    speed, so that the jump is short. The servo of a joint that swings is softened until the joint
-    rests (``SwingDamper``); the joint is then corrected slowly. If this starts swings repeatedly,
-    the goal stays.
+    target again, the accepted error doubles. When it arrives, its goal goes back from the edge of
+    the friction band, so that friction does not release it again. The servo of a joint that swings
+    is softened until the joint rests (``SwingDamper``), by lower gains if it carries nothing; the
+    joint is then corrected slowly. If this starts swings repeatedly, the goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -80,6 +79,9 @@ class GoalIntegrator:
         at: The last measured position, ticks.
         still_since_s: Time since which the joint is within sensor noise of its position.
         moved_s: Time of the last change of position, without changes back due to noise.
+        softness: The factor by which the servo is softer while its gains are lowered.
+        stiffens: Whether the goal was chosen for the former gains, which must now be put back.
+        was_softened: Whether gains were lowered.
     """
 
     def __init__(
@@ -99,10 +101,12 @@ class GoalIntegrator:
         self._lead = driven.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
         self.moved_s, self.still_since_s = -math.inf, 0.0
-        self._side, self._furthest, self._enough = 0, 0, 0
-        self._rate = self._brake = 0.0
-        self._filtered: float | None = None
+        self._unloaded = stuck[0] < 0.0 < stuck[1]
+        self._side, self._furthest, self._enough = 0, 0, int(self._unloaded)
+        self._rate, self._released_s, self._relief = 0.0, -math.inf, 1.0
+        self._holds = self._pushed = False
         self._swing = SwingDamper()
+        self.softness, self.stiffens, self.was_softened, self._softens = 1.0, False, False, True
 
     @property
     def error_ticks(self) -> int:
@@ -116,7 +120,7 @@ class GoalIntegrator:
         low, high = self._stuck
         # Gears without load would have to change their flank on the way to the target.
         would_cross_backlash = low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
-        return beside <= self._enough or (beside == 1 and would_cross_backlash)
+        return beside <= max(self._enough, self._holds) or (beside == 1 and would_cross_backlash)
 
     @property
     def swings(self) -> bool:
@@ -142,8 +146,7 @@ class GoalIntegrator:
         """The reason why the goal cannot move further; None if it can."""
         if self._is_lead_limited():
             return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
-        end = self._high if self._side > 0 else self._low
-        if self.arrived or self._side * (end - self.goal) > 0:
+        if self.arrived or not self._is_at_limit():
             return None
         limits = self.driven.limits
         upper = self.driven.joint_map.sign * self._side > 0
@@ -157,7 +160,10 @@ class GoalIntegrator:
         A joint that friction has just released may not yet have moved further than noise.
         """
         low, high = self._stuck
-        still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
+        still_s = time_s - max(self.still_since_s, self._released_s)
+        last_s = time_s - self.moved_s
+        if self.target is None:
+            return still_s < _AT_REST_S
         if low < 0.0 < high and min(still_s, self._swing.steady_s) < _UNLOADED_REST_S:
             return True
         return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
@@ -167,7 +173,7 @@ class GoalIntegrator:
 
         A goal outside the limits that has moved closer to them does not move back out.
         """
-        goal = self._inside(self.goal + self._rate * after_s + self._along - self._brake)
+        goal = self._inside(self.goal + self._rate * after_s + self._along)
         low, high = self.driven.tick_range
         self._low, self._high = min(low, max(self._low, goal)), max(high, min(self._high, goal))
         return goal
@@ -177,30 +183,66 @@ class GoalIntegrator:
     ) -> None:
         """Process the measured position, and choose the speed of the goal; 0 if not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
+        if self._rate and self._side * (tick - self.at) > 0:
+            self._released_s = time_s  # perhaps
         self._track_motion(tick, time_s)
-        moves = bool(self._rate) or abs(self._brake) >= 1.0
-        self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
+        self._holds = self.arrived
+        if self._pushed and (self._holds or not correcting):
+            self._relieve(time_s)
+        self._swing.update(tick, time_s, elapsed_s, goal_moves=bool(self._rate))
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
             # The swing has ended: the goal continues from here, so that the torque stays.
             self.goal = self._inside(self.goal + self._along)
             self._swing.rest()
-            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
-        filtered = tick if self._filtered is None or self.target is None else self._filtered
-        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
-        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        if abs(brake) < 1.0 and not self.swings:  # otherwise goals would move at rest
-            brake = 0.0
-        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
-        speed = self._desired_speed(time_s) if correcting else 0.0
-        change = self._acceleration * elapsed_s
+            self._furthest, self._enough, self._relief = 0, _SWUNG_ENOUGH_TICKS, 1.0
+        speed = self.softness * self._desired_speed(time_s) if correcting else 0.0
+        change = self.softness * self._acceleration * elapsed_s
+        may_stiffen = self.arrived or self.swings or not speed
+        if self.softness > 1.0 and may_stiffen and not self.moves_at(time_s):
+            lead = self._held_lead((self.goal - self.at) / self.softness)
+            self.goal = self._inside(self.at + lead)
+            self.softness, self.stiffens, self.still_since_s = 1.0, True, time_s
+            speed = 0.0
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
+        self._pushed = self._pushed or self._rate != 0.0
+
+    @property
+    def may_soften(self) -> bool:
+        """Whether lower gains may end a swing: the joint carries hardly anything."""
+        is_usual = self._softens and self.swings and self.softness == 1.0 and not self.stiffens
+        near = self.target is not None and abs(self.goal - self.target) <= _MAX_SOFT_LEAD_TICKS
+        return is_usual and near
+
+    def soften(self, softness: float) -> None:
+        """Adapt the goal to lower gains, so that the servo pulls the joint to its target."""
+        self._softens = softness > 1.0
+        if self._softens and self.target is not None:
+            self.was_softened = True
+            lead = self._held_lead(self.goal - self.target)
+            self.goal, self.softness = self._inside(self.target + softness * lead), softness
+
+    def _held_lead(self, lead: float) -> float:
+        """Estimate the lead at which friction holds the joint, from an observed lead."""
+        return 0.5 * lead + 0.25 * sum(self._stuck)
+
+    def _relieve(self, time_s: float) -> None:
+        """Move the goal back from where friction has just released the joint, or soon would."""
+        low, high = (self.softness * each for each in self._stuck)
+        goal = (self.at if self.target is None else self.target) + 0.5 * (low + high)
+        if not self._unloaded:
+            most = 0.5 * (high - low)
+            beyond = self._side * (self.goal - goal)
+            goal = self.goal - self._side * min(max(beyond, 0.0), most)
+        self.goal = self._inside(self.goal + self._relief * (goal - self.goal))
+        self._released_s, self._pushed = time_s, False
+        self._relief *= 0.5  # a load that the model does not know may have moved the joint back
 
     def _track_motion(self, tick: int, time_s: float) -> None:
         if tick != self.at:
             if tick != self._before:  # returning to the previous tick is noise
                 self.moved_s = time_s
             self._before, self.at = self.at, tick
-        if abs(tick - self._anchor) > _NOISE_TICKS:
+        if abs(tick - self._anchor) > (_IDLE_TICKS if self.target is None else _NOISE_TICKS):
             self._anchor, self.still_since_s = tick, time_s
         side = (self.error_ticks > 0) - (self.error_ticks < 0)
         if side * self._side < 0:
@@ -213,26 +255,31 @@ class GoalIntegrator:
     @property
     def _along(self) -> float:
         """Displacement of the goal in phase with a swing; 0 if the joint only needs to rest."""
-        return 0.0 if self.target is None else self._swing.goal_ticks
+        soft = self.target is None or self.softness > 1.0
+        return 0.0 if soft else self._swing.goal_ticks
 
     def _inside(self, goal: float) -> float:
         return min(max(goal, self._low), self._high)
 
     def _desired_speed(self, time_s: float) -> float:
         """Compute the desired speed of the goal, ticks/s, signed."""
-        if self.arrived or self.swings or self._is_lead_limited():
+        if self.arrived or self.swings or self._is_lead_limited() or self._is_at_limit():
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
             return 0.0
         if self._swing.rests:
             return math.copysign(self._swung_speeds[self._swing.rests - 1], self.error_ticks)
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
-        low, high = self._stuck
+        low, high = (self.softness * each for each in self._stuck)
         lead = self._side * (self.goal - self.at)
         end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
         # At this speed the goal can still stop before friction releases the joint.
-        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
+        while_stuck = math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0) / self.softness)
         return math.copysign(max(slowly, while_stuck), self.error_ticks)
 
     def _is_lead_limited(self) -> bool:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead
+
+    def _is_at_limit(self) -> bool:
+        end = self._high if self._side > 0 else self._low
+        return self._side * (end - self.goal) <= 0

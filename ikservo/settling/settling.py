@@ -24,11 +24,11 @@ def _never(_measured: Vector) -> bool:
 
 # A joint held by friction does not move with its goal, however slow its speed class is.
 _MIN_RAD_S2 = 4.0
-_MAX_DURATION_S = 5.0
+_MAX_DURATION_S = 3.0
 # A joint that friction releases just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
 # A swing started by a last correction comes to rest within this time.
-_MAX_SWING_S = 2.5
+_MAX_SWING_S = 2.0
 # A swing larger than this, at the horn, is more than worn gears explain: something is loose.
 _MAX_PLAY_SWING_RAD = math.radians(4.0)
 # An error is reported if it exceeds sensor noise.
@@ -59,7 +59,7 @@ class SettlingTrajectory:
     ) -> None:
         leads = np.zeros((2, len(driven_joints))) if stuck is None else np.array(stuck)
         rows = zip(driven_joints, goals, targets, limits, leads.T.tolist(), strict=True)
-        self._joints: list[GoalIntegrator] = []
+        self.joints: list[GoalIntegrator] = []
         for driven, goal, target, limit, (lowest, highest) in rows:
             joint_map = driven.joint_map
             usual = limit.acceleration_rad_s2 / joint_map.unit_per_tick
@@ -67,7 +67,7 @@ class SettlingTrajectory:
             per_unit = joint_map.sign / joint_map.unit_per_tick
             low, high = sorted((lowest * per_unit, highest * per_unit))
             joint = GoalIntegrator(driven, goal, target, acceleration, (low, high))
-            self._joints.append(joint)
+            self.joints.append(joint)
         self._is_reached, self._reached = is_reached, False
         self._updated_s = 0.0
         self._end_s = math.inf
@@ -81,7 +81,7 @@ class SettlingTrajectory:
         """Compute the goals (n,) at a time since the last update."""
         after_s = max(0.0, min(time_s, self._end_s) - self._updated_s)
         return TrajectoryPoint.at_rest(
-            np.array([j.driven.joint_map.position(j.goal_at(after_s)) for j in self._joints])
+            np.array([j.driven.joint_map.position(j.goal_at(after_s)) for j in self.joints])
         )
 
     def update(self, time_s: float, measured: Vector, *, end: bool = False) -> None:
@@ -94,15 +94,16 @@ class SettlingTrajectory:
         """
         self._reached = self._is_reached(measured)
         correcting = time_s < _MAX_DURATION_S and not (self._reached or end)
-        for joint, position in zip(self._joints, measured, strict=True):
+        for joint, position in zip(self.joints, measured, strict=True):
             tick = joint.driven.joint_map.tick(float(position))
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
         self._updated_s = time_s
         ended = not correcting or all(
-            j.arrived or j.swings or j.saturation_reason is not None for j in self._joints
+            j.arrived or j.swings or j.saturation_reason is not None for j in self.joints
         )
-        rests = all(j.has_swung_at(time_s) or not j.moves_at(time_s) for j in self._joints)
-        swung = any(j.has_swung for j in self._joints)
+        rests = all(j.has_swung_at(time_s) or not j.moves_at(time_s) for j in self.joints)
+        rests = rests and not any(j.softness > 1.0 or j.stiffens for j in self.joints)
+        swung = any(j.has_swung for j in self.joints)
         most_s = _MAX_DURATION_S + (_MAX_SWING_S if swung else _MAX_COAST_S)
         if (ended and rests) or time_s >= most_s:
             self._end_s = min(self._end_s, time_s)
@@ -110,13 +111,13 @@ class SettlingTrajectory:
     @property
     def moving_joints(self) -> tuple[str, ...]:
         """The joints that are not at rest."""
-        return tuple(j.driven.joint for j in self._joints if j.moves_at(self._updated_s))
+        return tuple(j.driven.joint for j in self.joints if j.moves_at(self._updated_s))
 
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
         """The joints that move by more than their backlash explains."""
         unsettled: list[str] = []
-        for joint in self._joints:
+        for joint in self.joints:
             swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
             is_explained = joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD
             if joint.moves_at(self._updated_s) and not is_explained:
@@ -126,7 +127,7 @@ class SettlingTrajectory:
     @property
     def measured(self) -> Vector:
         """The last measured joints (n,), rad or m."""
-        return np.array([j.driven.joint_map.position(j.at) for j in self._joints])
+        return np.array([j.driven.joint_map.position(j.at) for j in self.joints])
 
     @property
     def saturated(self) -> tuple[str, ...]:
@@ -135,8 +136,10 @@ class SettlingTrajectory:
 
     @property
     def residuals(self) -> tuple[str, ...]:
-        """Descriptions of the joints that did not arrive, with distance and reason."""
-        return tuple(_describe_residual(j, self._updated_s) for j in self._missed)
+        """Descriptions of the joints that did not arrive, and of those whose gains were lowered."""
+        missed = tuple(_describe_residual(j, self._updated_s) for j in self._missed)
+        softened = (j.driven.joint for j in self.joints if j.was_softened)
+        return missed + tuple(f"{n}'s gains were lowered while it swung" for n in softened)
 
     @property
     def _missed(self) -> list[GoalIntegrator]:
@@ -144,7 +147,7 @@ class SettlingTrajectory:
             return []
         return [
             j
-            for j in self._joints
+            for j in self.joints
             if abs(j.error_ticks) >= _RESIDUAL_TICKS or _still_swings(j, self._updated_s)
         ]
 
@@ -168,7 +171,7 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
     swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
     verb = "swings" if joint.moves_at(time_s) else "swung"
     return (
-        f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its "
+        f"{joint_map.joint} {verb} by {swing} and is {missing} off, because no load presses its "
         f"gears together"
     )
 
@@ -310,8 +313,18 @@ def _run_settling(
 
     def update(cycle: ControlCycle) -> None:
         over = is_over is not None and is_over(cycle)
+        for joint in trajectory.joints:
+            if joint.stiffens:  # the goal for the former gains has just been sent
+                servos.gains.restore(joint.driven.servo_id)
+                joint.stiffens = False
         trajectory.update(cycle.time_s, cycle.measured, end=over)
+        for joint in trajectory.joints:
+            if joint.may_soften:
+                joint.soften(servos.gains.lower(joint.driven.servo_id))
 
-    loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
+    try:
+        loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
+    finally:
+        servos.restore_gains()
     servos.set_reference(trajectory.measured)
     return trajectory

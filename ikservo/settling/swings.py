@@ -22,7 +22,7 @@ _MIN_TURNS = 2.0
 _NOISE_TICKS = 2
 # During correction, reversals that stiction explains count less.
 _STICTION_TICKS = 4  # largest of these reversals
-_SHARE_OF_STICTION = 0.34  # each of them counts as this fraction of a reversal
+_SHARE_OF_STICTION = 0.5  # each of them counts as this fraction of a reversal
 # The goal of a swinging joint moves along with it; docs/decisions/0020 says why such a soft servo
 # comes to rest.
 _SHARE = 0.75  # fraction of the joint motion

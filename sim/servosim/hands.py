@@ -5,6 +5,9 @@ calibration move the arm into its start pose and hold it there, move each joint 
 the direction with the larger range, twice, and then sweep all joints. They start over when the
 torque of a joint is switched off, and when a host transmits after a silence: a calibrating program
 then finds the arm at rest in its pose.
+
+The hand of a set-up plugs in new servos, one after another, and at last all together; then it
+follows a calibration.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from servosim.line import Line
 from servosim.servo import Servo
 from servosim.world import World
 
-HANDS = ("sweep", "calibrate")
+HANDS = ("sweep", "calibrate", "setup")
 """Names of the scripted hands."""
 
 _HAND_LIMIT = 10.0  # largest force: N m, or N on a prismatic joint
@@ -33,6 +36,9 @@ ONE_WAY_S = 4.0  # time from one end of the travel to the other
 SHOWN_RAD = math.radians(25.0)
 SHOWN_FRACTION = 0.45  # largest fraction of the travel by which to show a direction
 OPEN_TRAVEL_RAD = math.radians(300.0)  # travel of a joint without limits
+PLUG_S = 1.5  # time to unplug one servo and plug in the next
+SETTLED_S = 2.0  # time without a written value after which a servo is set up
+USED_ID = 9  # id of a servo that was used before
 MAX_OVERSHOOT = 0.02  # fraction of the travel that the hand pushes beyond the stops
 
 
@@ -147,6 +153,55 @@ class CalibrationHands:
         return path
 
 
+class NewServos:
+    """Servos as they are delivered, and a hand that plugs them in, one after another.
+
+    All have factory settings and are unplugged at first; the first one was used before and has
+    another id. A servo is unplugged once it has the id and the rate that it had in the arm and no
+    more values are written to it. After the last one, the hand plugs in all of them, and follows a
+    calibration.
+
+    Args:
+        line: The line of the servos.
+    """
+
+    def __init__(self, line: Line) -> None:
+        self._line, self._world, self._servos = line, line.world, list(line.world.servos)
+        self._wanted = [(servo.id, servo.baud) for servo in self._servos]
+        for servo in self._servos:
+            servo.factory_reset(())
+            servo.power_down()
+        self._servos[0].memory.put("id", USED_ID)
+        self._servos[0].memory.persist_value("id")
+        self._done, self._plug_s = 0, PLUG_S
+        self._writes, self._changed_s = 0, math.inf
+        self._poll_servo()
+
+    def _poll_servo(self) -> None:
+        now_s, servo = self._world.time_s, self._servos[self._done]
+        writes = servo.memory.eeprom_writes
+        if not servo.powered and now_s >= self._plug_s:
+            servo.power_up()
+            self._writes, self._changed_s = writes, math.inf
+        elif servo.powered and writes != self._writes:
+            self._writes, self._changed_s = writes, now_s
+        elif (servo.id, servo.baud) == self._wanted[
+            self._done
+        ] and now_s - self._changed_s > SETTLED_S:
+            self._done, self._plug_s = self._done + 1, now_s + PLUG_S
+            if self._done < len(self._servos):
+                servo.power_down()
+        if self._done < len(self._servos):
+            self._world.schedule(now_s + POLL_PERIOD_S, self._poll_servo)
+        else:
+            self._plug_in_all()
+
+    def _plug_in_all(self) -> None:
+        for servo in self._servos:
+            servo.power_up()
+        self._line.witnesses.append(CalibrationHands(self._world))
+
+
 def _sweep_path(position: float, lower: float, upper: float) -> Path:
     """Return a path to the nearer end first, so that 1.5 travels reach both ends."""
     more, ends = MAX_OVERSHOOT * (upper - lower), lower + upper
@@ -175,18 +230,20 @@ def _reflect_path(path: Path, ends: float) -> Path:
 
 
 def add_hands(line: Line, kind: str) -> None:
-    """Let hands move the joints without torque.
+    """Let hands move the joints without torque, or plug in new servos.
 
     Args:
         line: The line of their servos.
-        kind: ``sweep``, or ``calibrate`` for hands that follow a calibration.
+        kind: ``sweep``, ``calibrate`` for hands that follow a calibration, or ``setup``.
 
     Raises:
-        SimulatorError: The kind is neither of these.
+        SimulatorError: The kind is none of these.
     """
     if kind not in HANDS:
         raise SimulatorError(f"hand={kind!r} is not one of {', '.join(HANDS)}")
     if kind == "calibrate":
         line.witnesses.append(CalibrationHands(line.world))
+    elif kind == "setup":
+        NewServos(line)
     else:
         RangeSweep(line.world)

@@ -137,7 +137,8 @@ def _make_parser() -> argparse.ArgumentParser:
     add(
         "--hand",
         choices=HANDS,
-        help="move limp joints by hand: sweep at once, or calibrate: hold the pose, then sweep",
+        help="move limp joints by hand: sweep at once, or calibrate: hold the pose, then sweep; "
+        "setup: plug in new servos one by one",
     )
     add(
         "--goal-keeps-torque",

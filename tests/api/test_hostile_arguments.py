@@ -27,7 +27,7 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-def test_text_of_any_value_in_a_message_has_at_most_201_letters():
+def test_value_quoted_in_a_message_has_at_most_201_letters():
     assert all(len(shown(value)) <= 201 for value in HOSTILE)
     assert shown(Angry()) == "a value of type Angry"
     assert shown(0.5) == "0.5"

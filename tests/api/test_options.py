@@ -40,7 +40,7 @@ OF_MOTION = [name for name in methods() if listed_options(name)]
 """The methods that make a motion of their arguments."""
 
 
-def test_methods_that_make_motions_are_found():
+def test_list_of_motion_methods_contains_known_methods():
     assert {"move_to", "draw", "gripper", "plan_arc"} <= set(OF_MOTION)
 
 
@@ -97,7 +97,7 @@ def test_mistyped_option_is_answered_with_closest_name(limp, tmp_path, method, s
     ("method", "option"),
     [("move_joints", "stance"), ("move_to", "line"), ("plan_to", "on_progress"), ("pose", "force")],
 )
-def test_option_of_another_motion_is_unknown(limp, tmp_path, method, option):
+def test_option_of_another_motion_is_refused(limp, tmp_path, method, option):
     with pytest.raises(TypeError, match=option):
         getattr(limp, method)(**arguments(method, limp, tmp_path), **{option: None})
 

@@ -37,7 +37,7 @@ def test_six_joint_arm_reaches_full_orientation(six):
     assert np.linalg.norm(log_so3(wanted @ six.where().orientation.T)) < np.radians(1.0)
 
 
-def test_line_ends_in_full_orientation(six):
+def test_line_plan_ends_with_requested_orientation(six):
     here = six.where()
     wanted = exp_so3(np.array([0.0, 0.1, 0.0])) @ here.orientation
     plan = six.plan_line(here.tip_m + np.array([0.0, 0.0, 0.04]), orientation=wanted)

@@ -41,7 +41,7 @@ def test_joint_goal_in_degrees_is_refused_with_its_radians(goal):
 
 
 @pytest.mark.parametrize("goal_rad", [300, math.radians(900)])
-def test_goal_outside_limits_in_either_unit_has_no_unit_hint(goal_rad):
+def test_unit_hint_is_omitted_if_goal_fits_in_neither_unit(goal_rad):
     with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(RefusedError) as caught:
         arm.move_joints({"elbow_flex": goal_rad})
     assert "degrees" not in caught.value.hint

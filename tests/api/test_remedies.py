@@ -54,6 +54,15 @@ def test_terminal_hint_is_rewritten_for_program(at_a_terminal, in_a_program):
         ("Check its alarms: ikservo where", "Check its alarms: see Health on this page"),
         ("Calibrate it: ikservo calibrate so101. Then", "Calibrate it: press Calibrate. Then"),
         ("If it stays: ikservo recover", "If it stays, in a terminal: ikservo recover"),
+        (
+            "One at a time: ikservo setup ARM. Then: ikservo doctor",
+            "One at a time: press Set up servos in the list of arms. "
+            "Then: press Check in the list of arms",
+        ),
+        (
+            "Set them: ikservo doctor --write-eeprom",
+            "Set them, in a terminal: ikservo doctor --write-eeprom",
+        ),
         ("", ""),
     ],
 )

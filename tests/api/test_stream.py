@@ -77,7 +77,7 @@ def test_stream_of_targets_and_poses_moves_tip(arm):
     np.testing.assert_allclose(true_tip_m(arm), wanted_m, atol=4e-3)
 
 
-def test_stream_shapes_setpoint_jump_to_arm_limits(arm):
+def test_stream_follows_setpoint_jump_within_arm_limits(arm):
     auditor = Auditor(arm)
     with arm.stream(speed="fast", rate_hz=50) as stream:
         for pan in [0.0] * 5 + [0.8] * 40:
@@ -134,7 +134,7 @@ def test_stream_send_without_rate_returns_at_once(arm):
         assert clock.now_s() - at_s < 2.0
 
 
-def test_stream_progress_has_last_control_cycle(arm):
+def test_stream_progress_reports_last_control_cycle(arm):
     with arm.stream(rate_hz=50) as stream:
         for _ in range(10):
             stream.send({"wrist_roll": 0.1})

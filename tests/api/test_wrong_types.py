@@ -74,7 +74,7 @@ def limp():
         lambda arm: arm.move_to(ikservo.Target(NEAR)),
     ],
 )
-def test_invalid_argument_is_input_error_and_moves_nothing(limp, call, tmp_path, monkeypatch):
+def test_invalid_argument_raises_input_error_and_moves_nothing(limp, call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ikservo.InputError):
         call(limp)
@@ -95,7 +95,7 @@ def test_invalid_argument_is_input_error_and_moves_nothing(limp, call, tmp_path,
         lambda _: ikservo.read_recording(3),
     ],
 )
-def test_invalid_geometry_argument_is_input_error(limp, call):
+def test_invalid_geometry_argument_raises_input_error(limp, call):
     with pytest.raises(ikservo.InputError):
         call(limp.chain)
 
@@ -109,7 +109,7 @@ def test_joint_goals_take_numpy_numbers(limp):
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
 
-def test_move_joints_takes_array_in_order_of_where_names():
+def test_move_joints_array_has_order_of_names_from_where():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         here = arm.where()
         goal = here.positions_rad + np.array([0.1, 0.0, 0.0, 0.0, -0.1, 0.0])

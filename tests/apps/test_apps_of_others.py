@@ -170,7 +170,7 @@ def test_damaged_arm_of_other_distribution_is_left_out(other):
     assert "damaged" in listed.stderr
 
 
-def test_unknown_attribute_of_arm_or_package_is_attribute_error():
+def test_unknown_attribute_of_arm_or_package_is_reported():
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = ikservo.no_such_name
     with (

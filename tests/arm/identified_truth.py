@@ -3,7 +3,7 @@
 import numpy as np
 
 from ikservo.apps.lab.duty_model import JOINT_PARAMETERS
-from ikservo.apps.lab.identification import gravity_columns
+from ikservo.apps.lab.parameter_estimation import gravity_columns
 from tests.arm.simulated import line_of
 
 SPEEDS_RAD_S = (0.1, 0.3, 0.8)

@@ -5,7 +5,7 @@ import contextlib
 import pytest
 
 import ikservo
-from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import BusError, RefusedError, StoppedError
 from servosim.faults import Fault
 from tests.arm.simulated import clock_of, line_of, registers, servo_group
@@ -61,7 +61,7 @@ def test_pause_after_last_cycle_is_not_taken_for_servo_reset(arm, monkeypatch):
 
 
 @pytest.mark.sample(1)
-def test_stop_between_streams_of_a_motion_is_stop_not_refusal(arm, monkeypatch):
+def test_stop_between_streams_of_a_motion_raises_stopped_error(arm, monkeypatch):
     streaming, begun = servo_group(arm).streaming, []
 
     @contextlib.contextmanager

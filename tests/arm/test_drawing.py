@@ -76,7 +76,7 @@ def test_stroke_of_repeated_point_equals_single_point(arm):
 
 
 @pytest.mark.sample(1)
-def test_drawing_error_names_point_with_repeats_counted(arm):
+def test_drawing_error_counts_repeated_points_in_its_number(arm):
     far = CORNER + np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.9, 0, 0]])
     with pytest.raises(UnreachableError, match="point 4 of stroke 1: "):
         arm.plan_drawing([far])

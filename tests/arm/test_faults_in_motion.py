@@ -196,7 +196,7 @@ def test_alarm_error_names_temperature_or_voltage(kind, details, words):
 
 
 @pytest.mark.full
-def test_joint_that_lost_torque_silently_stops_the_arm():
+def test_arm_stops_if_a_joint_loses_torque_silently():
     with ikservo.open_arm("so101", port="sim") as arm:
         swing(arm)
         # the forearm weighs 0.43 N m, twice what friction holds; on the shoulder it is 0.07
@@ -257,7 +257,7 @@ def test_joints_turned_by_hand_do_not_snap_back_at_torque_on():
     assert abs(after[roll] - before[roll]) <= 2
 
 
-def test_servo_that_reports_no_status_stops_the_arm(arm, monkeypatch):
+def test_arm_stops_if_a_servo_reports_no_status(arm, monkeypatch):
     arm.enable()
     monkeypatch.setattr(servo_group(arm)._health_poller, "_read_registers", lambda *_: None)
     with pytest.raises(RefusedError, match=r"No status \(temperature, voltage, load\) from"):

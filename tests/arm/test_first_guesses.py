@@ -63,7 +63,7 @@ def test_hint_for_point_in_millimetres_names_a_method(arm):
 
 
 @pytest.mark.parametrize("spelling", ["center_m", "centre_m"])
-def test_center_is_read_in_both_spellings(arm, tmp_path, spelling):
+def test_center_and_centre_are_both_accepted_as_argument(arm, tmp_path, spelling):
     sphere = make_shape("sphere", "ball", {spelling: (0.3, 0.0, 0.1), "radius_m": 0.05})
     text = scene_text([sphere])
     assert "center_m = [0.3, 0.0, 0.1]" in text

@@ -101,7 +101,7 @@ def test_follow_holds_and_returns_after_300_ms_of_silence(arm):
     assert true_joints(arm)["shoulder_pan"] < 0.6
 
 
-def test_stream_is_checked_against_its_start_pose(arm, monkeypatch):
+def test_follow_checks_each_goal_against_its_start_pose(arm, monkeypatch):
     began, rests = list(true_joints(arm).values()), []
     monkeypatch.setattr(ArmContext, "check_trajectory", lambda *words: rests.append(words[2]))
     arm.follow({"shoulder_pan": pan} for pan in np.linspace(0.0, 0.5, cycle_count(arm, 0.5)))

@@ -2,7 +2,11 @@
 
 import pytest
 
-from ikservo.control.servo_limits import ServoRamLimits, limit_torque, torque_limit_registers
+from ikservo.control.watchdog_and_torque_limits import (
+    ServoRamLimits,
+    limit_torque,
+    torque_limit_registers,
+)
 from ikservo.errors import RegisterAccessError
 from ikservo.hardware import torque_on
 from ikservo.registers import MODELS, Access, Area, Family, OperatingMode, RegisterName
@@ -56,7 +60,7 @@ def test_torque_limit_in_ram_is_share_of_eeprom_maximum(model):
 
 @pytest.mark.parametrize("model", sorted(MODELS.keys() - LIMITED.keys()))
 def test_model_without_torque_limit_register_is_refused(model):
-    with pytest.raises(RegisterAccessError, match="there is none in RAM"):
+    with pytest.raises(RegisterAccessError, match="this servo has none in RAM"):
         limit_torque(make_bus({1: model}), 1, 0.5)
 
 

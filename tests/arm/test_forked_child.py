@@ -51,7 +51,7 @@ def test_forked_child_is_refused_while_parent_moves_the_arm(arm, use):
         answer = in_fork(use_arm)
     finally:
         done.set()
-    assert f"opened by process {os.getpid()}; a fork of it cannot use the arm" in answer
+    assert f"opened by process {os.getpid()}; a forked process cannot use it" in answer
 
 
 @pytest.mark.full
@@ -67,7 +67,7 @@ def test_forked_child_cannot_wait_for_or_cancel_a_motion(arm, use):
     with motion_runner(arm).lock:
         motion = arm.move_joints({"gripper": 0.3}, wait=False)
         answer = in_fork(use_motion)
-    assert "a fork of it cannot use the arm" in answer
+    assert "a forked process cannot use it" in answer
     motion.wait()
 
 

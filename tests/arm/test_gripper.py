@@ -206,7 +206,7 @@ def test_gripper_force_outside_0_to_1_is_refused(so101, force):
 
 @pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
 def test_gripper_needs_exactly_one_of_word_and_width(so101, to, width_m):
-    with pytest.raises(InputError, match="open, close or a width"):
+    with pytest.raises(InputError, match="open, close and a width"):
         so101.gripper(to, width_m=width_m)
 
 

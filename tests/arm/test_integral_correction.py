@@ -111,14 +111,21 @@ def test_joint_that_jumps_back_and_forth_rests_at_nearer_side():
     assert joint.arrived
 
 
-def test_goal_of_jumping_joint_steps_back_until_joint_rests():
-    joint = creep()
-    feed(joint, [1990] * 10)
-    before = joint.goal_at(0.0)
-    feed(joint, [1992], start_s=0.1)
-    assert joint.goal_at(0.0) < before
-    feed(joint, [1992] * 20, start_s=0.11)
-    assert joint.goal_at(0.0) > before
+@pytest.mark.parametrize(("stuck", "lead"), [((4.0, 20.0), 12.0), ((-6.0, 4.0), -1.0)])
+def test_goal_goes_back_to_middle_of_friction_when_joint_arrives(stuck, lead):
+    joint = creep(goal=2000, stuck=stuck)
+    pushed = feed(joint, [1997] * 50)
+    assert pushed[-1] - 1997 > stuck[1]
+    held = feed(joint, [2000] * 20, start_s=0.5)
+    assert set(held) == {held[-1]}
+    assert held[-1] - 2000 == pytest.approx(lead, abs=3.0)
+
+
+def test_correction_of_joint_at_its_limit_ends_at_once():
+    joint = creep(goal=2699, wanted=2710, upper=1.0)
+    feed(joint, [2690] * 20)
+    assert joint.saturation_reason.kind is Saturation.LIMIT
+    assert not joint.moves_at(0.2)
 
 
 def test_overshoot_of_five_ticks_is_corrected():
@@ -212,7 +219,7 @@ def test_joint_that_keeps_swinging_is_reported_with_amplitude(ticks, degrees):
     assert trajectory.unsettled_joints == ()
     (residual,) = trajectory.residuals
     assert residual.startswith(f"elbow swings by {degrees}° and is 0.")
-    assert residual.endswith("° off: no load presses its gears together")
+    assert residual.endswith("° off, because no load presses its gears together")
 
 
 def test_noise_of_two_ticks_is_not_reported_as_swing():
@@ -278,7 +285,7 @@ def test_joint_that_swung_and_creeps_past_target_is_not_reversed():
 
 def test_late_swing_of_joint_is_reported_without_error():
     def tick_at(time_s):
-        swung = time_s < 1.0 or time_s > 5.2
+        swung = time_s < 1.0 or time_s > 3.2
         return swing(12)(time_s) if swung else 1990
 
     trajectory = settle_with(tick_at)

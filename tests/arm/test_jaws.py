@@ -12,7 +12,7 @@ from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker
 from ikservo.model import load_model
 from ikservo.model.arm_model import KeepOutBox
-from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.collision_capsules import collision_body_with_gripper
 from tests.arm.simulated import clock_of, true_joints
 from tests.oracle import CONFIGS
 

@@ -121,7 +121,7 @@ def test_only_the_holder_of_a_lease_ends_its_silence(lease, clock):
     assert not lease.is_silent
 
 
-def test_silence_continues_after_lease_is_released(lease, clock):
+def test_released_lease_stays_silent_and_refuses_refresh(lease, clock):
     held = lease.acquire("page 1").lease
     lease.release(held)
     after(clock, 0.4)

@@ -11,7 +11,7 @@ from ikservo.model.joint_drive import nominal_parameters
 from ikservo.planning.loaded_limits import goal_leads, limits_under_load
 from ikservo.planning.planner import Planner
 
-WEIGHT = "a joint that holds the arm's weight stays short of its limit"
+WEIGHT = "a joint that holds the arm's weight cannot go right up to its limit"
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def test_loaded_limit_is_unchanged_if_goals_stay_inside(wx250s):
     assert elbow_limit(wx250s, leaning(wx250s, 0.1)) is None
 
 
-def test_loaded_limit_moves_by_the_lead_needed_there(wx250s):
+def test_loaded_limit_moves_inwards_by_the_lead_needed_there(wx250s):
     at_limit = leaning(wx250s, 0.0)
     moved = elbow_limit(wx250s, at_limit) - at_limit[wx250s.chain.names.index("elbow")]
     assert moved == pytest.approx(-lead_of_elbow(wx250s, at_limit))

@@ -139,7 +139,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("kind", "fields"), MISTAKES)
-def test_motion_mistake_is_same_error_in_python_and_json(kind, fields):
+def test_motion_mistake_raises_same_error_in_python_and_json(kind, fields):
     with pytest.raises(InputError) as made:
         kind(**fields)
     with pytest.raises(InputError) as read:
@@ -228,7 +228,7 @@ PATHS = [each for each in PLANNED if hasattr(each, "path_from")]
 
 
 @pytest.mark.parametrize("motion", PATHS, ids=str)
-def test_paths_begin_at_tip_and_match_their_derivatives(motion):
+def test_path_of_motion_begins_at_tip_and_has_right_derivatives(motion):
     tip_m = np.array([0.21, 0.0, 0.08])
     path = motion.path_from(tip_m)
     along = np.linspace(0.0, path.length, 4001)

@@ -105,11 +105,11 @@ def test_overload_warning_comes_2_s_before_servo_trips():
             pressing.follow(4.0)
     warned_s, text = pressing.warned_s[0]
     assert pressing.tripped_s - warned_s >= 2.0
-    assert text.endswith("its servo protects itself from overload in 2.0 s.")
+    assert text.endswith("its servo's overload protection acts in 2.0 s.")
 
 
 @pytest.mark.full
-def test_overloaded_stream_is_relaxed_in_time_and_resumes():
+def test_overloaded_stream_reduces_load_in_time_and_resumes():
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         arm.pose("home")
         pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=True)

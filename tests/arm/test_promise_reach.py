@@ -19,7 +19,7 @@ def test_unreached_target_is_flagged(name, capsys):
 
 @pytest.mark.parametrize("seeds", [campaign(100)])
 @pytest.mark.parametrize("name", ARMS)
-def test_unreached_targets_are_flagged_in_10000_per_arm(name, seeds, capsys):
+def test_every_unreached_target_of_10000_per_arm_is_flagged(name, seeds, capsys):
     check_targets(name, seeds, capsys)
 
 

@@ -65,7 +65,7 @@ STOPPABLE_BUSES = {
     "apps/workbench/servo_workbench.py",
 }
 PLAIN_BUSES = {  # which never switch torque on
-    "apps/workbench/provisioning.py",
+    "apps/workbench/id_and_baud_rate.py",
     "hardware/scan.py",
     "apps/workbench/bus_benchmark.py",
     "apps/workbench/doctor.py",

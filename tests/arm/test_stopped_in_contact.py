@@ -70,7 +70,7 @@ def goal_by_way_of_deeper(arm, start, dice):
 
 
 @pytest.mark.full
-def test_depth_does_not_grow_over_motions_stopped_in_contact(arm):
+def test_contact_depth_does_not_grow_over_stopped_motions(arm):
     dice, depths_mm = np.random.default_rng(1), [true_depth_mm(arm)]
     for _ in range(20):
         start, latest_m = motion_runner(arm).start_position(), dice.uniform(0.0, 0.3) * MM
@@ -90,7 +90,7 @@ def test_depth_does_not_grow_over_motions_stopped_in_contact(arm):
 
 
 @pytest.mark.campaign
-def test_depth_does_not_grow_over_small_motions_in_contact(arm):
+def test_contact_depth_does_not_grow_over_small_motions(arm):
     dice, depths_mm, accepted = np.random.default_rng(2), [true_depth_mm(arm)], 0
     while accepted < 50:
         start = motion_runner(arm).start_position()

@@ -78,7 +78,7 @@ def machine(*reasons):
         (("on", "lowering_ended"), HOLDING, False),
     ],
 )
-def test_torque_state_after_each_sequence_of_events_is_right(reasons, state, due):
+def test_sequence_of_events_leads_to_expected_torque_state(reasons, state, due):
     torque = machine(*reasons)
     assert (torque.state, torque.first_motion_due) == (state, due)
 

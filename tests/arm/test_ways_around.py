@@ -12,7 +12,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, CollisionError, InputError, StoppedError
 from ikservo.guard import KeepOutBox
-from ikservo.guard.way_search import WaySearch
+from ikservo.guard.path_search import WaySearch
 from ikservo.kernels.compiled import is_compiled
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model.tool import tool_frame
@@ -142,7 +142,7 @@ def test_planner_finds_several_goals_for_one_point():
         level = planner.goals_at(at, tip_m, ikservo.ToolOrientation(pitch_rad=0.0))
         turned = {round(each.joints[arm.joint_names.index("forearm_roll")], 1) for each in level}
         assert len(turned) > 1
-        assert max(each.solved.error_rad for each in level) < 0.01
+        assert max(each.solved.orientation_error_rad for each in level) < 0.01
 
 
 def test_tool_tolerance_lets_arm_reach_point_under_obstacle():
@@ -177,7 +177,7 @@ def test_goals_use_the_whole_tool_tolerance_and_no_more(wanted):
         planner, tool = context_of(arm).planner, tool_frame(arm.model)
         start = np.array(list(arm.where().positions.values()))
         found = planner.goals_at(start, (0.3, 0.05, 0.2), stance)
-        errors = [each.solved.error_rad for each in found]
+        errors = [each.solved.orientation_error_rad for each in found]
         assert errors[0] < 0.01
         assert 0.1 < max(errors) <= most_rad
         for each in found:
@@ -218,7 +218,7 @@ def test_path_search_refusal_reports_its_search_time(monkeypatch, beside_post):
 def test_refusal_of_a_search_that_ended_early_tells_its_reason(monkeypatch, beside_post):
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to((0.22, 0.0, 0.1))
-    assert "something in each posture at the goal" in refused.value.command_hint
+    assert "something in every posture at the target" in refused.value.command_hint
     monkeypatch.setattr(WaySearch, "find", lambda search, *_: setattr(search, "has_ended", True))
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT)

@@ -271,7 +271,7 @@ def test_page_begins_in_3d_if_a_graphics_card_draws_webgl(webgl_browser, shared)
     context.close()
 
 
-def test_page_starts_in_2d_without_3d_on_software_webgl(webgl_browser, shared):
+def test_page_on_software_webgl_starts_in_2d_without_loading_3d(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), shared)
     assert chosen_view(operator.page) == "side"

@@ -168,27 +168,46 @@ def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
         page.fill("#new-arm-name", "measured")
         page.click("#new-arm-start")
         page.set_default_timeout(60_000)
-        page.wait_for_selector("#new-arm form:has-text('How many joints')")
+        page.wait_for_selector("#dialogue form:has-text('How many joints')")
         expect(page.locator("#new-arm-start")).to_be_disabled()
-        page.select_option("#new-arm select", "2")
+        page.select_option("#dialogue select", "2")
         for question, typed in [
             ("Joint 1: axis", "z"), ("Joint 1: metres", "0.1"), ("Joint 2: axis", "y"),
             ("Joint 2: metres", "0.12"),
         ]:  # fmt: skip
             page.keyboard.press("Tab")  # the answer is sent by the keyboard alone
             page.keyboard.press("Enter")
-            page.wait_for_selector(f"#new-arm form:has-text('{question}')")
-            entry = page.locator("#new-arm form :is(input, select)")
+            page.wait_for_selector(f"#dialogue form:has-text('{question}')")
+            entry = page.locator("#dialogue form :is(input, select)")
             if entry.evaluate("(e) => e.tagName") == "SELECT":
                 entry.select_option(typed)
             else:
                 entry.fill(typed)
-        page.click("#new-arm form button")
-        page.click("#new-arm form:has-text('Write') button:has-text('write')")
-        page.wait_for_selector("#new-arm p:has-text('Written to')")
+        page.click("#dialogue form button")
+        page.click("#dialogue form:has-text('Write') button:has-text('write')")
+        page.wait_for_selector("#dialogue p:has-text('Written to')")
         page.wait_for_selector("#arms-model [value=measured]", state="attached")
         page.select_option("#arms-model", "measured")
         page.select_option("#arms-port", "sim")
         page.click("#arms-form button")
         page.wait_for_selector("#title:has-text('measured')")
         assert (tmp_path / "measured" / "arm.toml").is_file()
+
+
+def test_new_servos_are_set_up_and_checked_on_the_page(page):
+    with opened_panel() as served:
+        page.goto(served.urls.control)
+        page.wait_for_selector("#arms-port [value=sim]", state="attached")
+        page.set_default_timeout(60_000)
+        page.select_option("#arms-model", "so101")
+        page.select_option("#arms-port", "sim")
+        page.click("#arms-setup")
+        page.click("#dialogue form button:has-text('Answer')")
+        expect(page.locator("#arms-check")).to_be_disabled()
+        page.wait_for_selector("#dialogue form:has-text('Set it to id 1 at 1000000 baud')")
+        page.click("#dialogue form button:has-text('yes')")
+        page.wait_for_selector("#dialogue li:has-text('✓ shoulder_pan (id 1): id 9 → 1')")
+        page.click("#dialogue button:has-text('Leave')")
+        page.click("#arms-check")
+        page.wait_for_selector("#dialogue p:has-text('No faults found.')")
+        assert page.evaluate(CONTRAST) == []

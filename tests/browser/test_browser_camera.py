@@ -88,7 +88,7 @@ def test_page_switches_between_cameras_of_the_arm(operator):
 
 
 @pytest.mark.parametrize("view", ["camera", "side"])
-def test_camera_switches_on_a_phone_do_not_overlap(operator, view):
+def test_camera_choices_on_a_phone_do_not_overlap(operator, view):
     operator.page.set_viewport_size({"width": 390, "height": 844})
     operator.page.click(f"#views [value={view}]")
     operator.until_drawn()

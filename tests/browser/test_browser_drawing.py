@@ -24,7 +24,7 @@ from ikservo.apps.page.picking.projection import Camera
 from ikservo.apps.page.picking.viewpoints import available_views
 from ikservo.kinematics.capsules import segment_distance
 from ikservo.model.arm_model import KeepOutBox
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from tests.apps.page.planar_arm import planar_model
 from tests.apps.page.view_fixtures import VIEWPORT, graph_of, looked_at, model_of, picker, stage
 from tests.browser.page_operator import with_long_timeout

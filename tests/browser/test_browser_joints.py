@@ -47,7 +47,7 @@ def test_bad_joint_number_is_refused_and_nothing_moves(live):
     for typed, words in [
         ("twelve", "“twelve” is not a number of degrees: elbow_flex stays."),
         ("1e99", "“1e99” is not a number"),
-        ("120", "elbow_flex cannot be at 120°: it goes from -96.8 to 96.8°"),
+        ("120", "elbow_flex cannot be at 120°; its range is -96.8 to 96.8°"),
     ]:
         field.fill(typed)
         field.press("Enter")

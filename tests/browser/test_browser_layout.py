@@ -109,7 +109,7 @@ def test_full_server_is_reported_until_it_accepts_clients(browser, shared, monke
     context = browser.new_context()
     page = with_long_timeout(context.new_page())
     page.goto(shared.urls.watch)
-    page.wait_for_selector("#banner-message:has-text('16 pages watch this arm already')")
+    page.wait_for_selector("#banner-message:has-text('16 pages are already watching this arm')")
     monkeypatch.undo()
     page.wait_for_selector("#banner", state="hidden")
     context.close()

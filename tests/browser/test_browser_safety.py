@@ -137,7 +137,7 @@ def test_refused_action_is_reported_and_banner_disappears(operator, visit):
 
 
 @pytest.mark.campaign
-def test_page_that_takes_control_gets_it_and_arm_holds(live, visit):
+def test_page_takes_control_of_another_page_and_arm_holds(live, visit):
     other = visit()
     other.page.click("#take")
     other.wait_for("status.controller === 'you' && status.mode === 'preview'")

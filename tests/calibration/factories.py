@@ -1,6 +1,6 @@
 """Calibrations without an operator: every joint swept around its present position."""
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 
 STEP = 60
 

@@ -98,7 +98,7 @@ def test_calibration_file_cut_at_any_length_is_refused(path):
     text = path.read_text()
     for length in range(0, len(text) - 1, 37):
         assert refusal(path, text[:length]).found in (
-            "is damaged: its checksum does not fit its content", "is empty", "is not a checksum",
+            "is damaged: its checksum does not match its content", "is empty", "is not a checksum",
         )  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def test_calibration_with_edited_limit_is_refused_naming_backup(path):
     path.with_name(f"{path.name}.bak").write_text(text)
     old = next(line for line in text.splitlines() if line.startswith("lower_deg"))
     error = refusal(path, text.replace(old, "lower_deg = -170.0"))
-    assert "checksum does not fit" in error.found
+    assert "checksum does not match" in error.found
     assert ".bak" in error.expected
 
 

@@ -31,7 +31,7 @@ def test_changed_register_is_reported_with_both_values():
 def test_servo_missing_in_arm_is_reported():
     (mismatch,) = register_mismatches(calibration_of(joint()), {})
     assert (mismatch.joint, mismatch.register, mismatch.expected, mismatch.found) == (
-        "elbow", "id", "1", "not of this arm",
+        "elbow", "id", "1", "absent",
     )  # fmt: skip
 
 

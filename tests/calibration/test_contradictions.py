@@ -22,7 +22,7 @@ def test_calibration_times_without_utc_offset_are_reported():
     naive = "2026-11-02T14:03:22"
     issues = issues_of(joint(), written=naive, geometry=GEOMETRY | {"touched": naive})
     assert {place: found for place, (found, _) in issues.items()} == {
-        ("written",): "has no offset", ("geometry", "touched"): "has no offset",
+        ("written",): "has no UTC offset", ("geometry", "touched"): "has no UTC offset",
     }  # fmt: skip
 
 
@@ -31,7 +31,7 @@ def test_calibration_reports_unknown_and_missing_registers():
     del held["servo"]["holds"]["homing_offset"]
     place = ("joints", 0, "servo", "holds")
     assert issues_of(held) == {
-        (*place, "homing_ofset"): ("is not a register", "one of STS3215"),
+        (*place, "homing_ofset"): ("is not a register", "a register of STS3215"),
         (*place, "homing_offset"): ("is missing", "the number that the servo held"),
     }
 

@@ -51,7 +51,7 @@ def test_identified_arm_file_survives_save_and_read(home):
     assert identified_of("so101") == [path]
 
 
-def test_arm_that_was_not_identified_has_no_file():
+def test_load_of_missing_identified_file_returns_none():
     assert load_identified("so101", "58FA") is None
     assert identified_of("so101") == []
 

@@ -52,7 +52,7 @@ def test_range_between_two_ticks_is_refused():
 
 
 @pytest.mark.parametrize("position", [math.nan, math.inf, -math.inf])
-def test_goal_that_is_not_finite_has_no_tick(position):
+def test_non_finite_goal_is_refused(position):
     with pytest.raises(BadValueError, match="goal of elbow"):
         JointMap.revolute("elbow", 3, 1, 2048, 4096).tick(position)
 

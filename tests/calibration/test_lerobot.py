@@ -217,7 +217,7 @@ def test_lerobot_export_of_servo_without_offset_has_zero():
     assert (found.homing_offset, found.drive_mode) == (0, 0)
 
 
-ZEROS = "LeRobot uses the middle of each range as zero; these zeros are not in its file."
+ZEROS = "LeRobot uses the middle of each range as zero; its file cannot hold other zeros."
 UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
 
 
@@ -225,12 +225,12 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
     ("changes", "warning"),
     [
         ({}, []),
-        ({"sign": -1}, ["elbow counts against its joint, and so do LeRobot's degrees."]),
+        ({"sign": -1}, ["elbow's servo counts opposite to its joint, as do LeRobot's degrees."]),
         (UNSWEPT, ["elbow was not swept; LeRobot's file gets a full turn."]),
         ({**UNSWEPT, "extended": True}, ["elbow was not swept; LeRobot's file gets a full turn."]),
         (
             {"extended": True},
-            ["elbow counts beyond one turn, which LeRobot's range does not show."],
+            ["elbow counts beyond one turn, which LeRobot's range cannot represent."],
         ),
         ({"user_lower_deg": 3.0}, ["Your own limits of elbow are not in LeRobot's file."]),
         ({"user_upper_deg": 3.0}, ["Your own limits of elbow are not in LeRobot's file."]),

@@ -69,7 +69,7 @@ def test_feetech_servos_are_never_multi_turn():
         ("SCS15", {"min_position_limit": 5}, True),
     ],
 )
-def test_same_direction_depends_on_mode_and_direction_bits(model, held, alike):
+def test_count_direction_depends_on_mode_and_direction_bits(model, held, alike):
     filed = {"STS3215": STS, "XM430-W350": X, "SCS15": SCS}[model]
     assert same_direction(facts(model, **held), filed) is alike
 
@@ -85,7 +85,7 @@ def test_direction_missing_in_file_is_not_compared():
      ("drive_mode", 4, 8, False), ("drive_mode", 4, 5, True), ("homing_offset", 0, 1, True),
      ("homing_offset", 0, 2, True), ("homing_offset", -3, -3, False)],
 )  # fmt: skip
-def test_registers_differ_only_by_bits_that_affect_counting(register, one, other, differs):
+def test_register_difference_ignores_bits_unrelated_to_counting(register, one, other, differs):
     assert registers_differ(register, one, other) is differs
 
 
@@ -95,7 +95,7 @@ def test_calibration_registers_equal_those_stored_in_the_file(model):
     assert names == facts(model).registers.keys()
 
 
-def test_wanted_registers_of_each_series_are_correct():
+def test_expected_registers_match_table_of_each_servo_series():
     assert wanted_of(facts()) == STS
     assert wanted_of(facts("XM430-W350")) == X
     assert wanted_of(facts("SCS15")) == SCS
@@ -116,7 +116,7 @@ def test_dynamixel_is_multi_turn_if_needed_and_mode_5_stays(mode, extended, want
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350"])
-def test_position_limits_are_opened_if_homing_offset_changes(model):
+def test_position_limits_are_widened_if_homing_offset_changes(model):
     found = facts(model, min_position_limit=500, max_position_limit=3000)
     assert wanted_of(found)["min_position_limit"] == 500
     moved = wanted_of(found, 9)
@@ -130,7 +130,7 @@ def test_single_position_limit_of_zero_is_kept(low, high):
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == (low, high)
 
 
-def test_two_position_limits_of_zero_are_opened():
+def test_two_position_limits_of_zero_are_widened():
     unset = wanted_of(facts(min_position_limit=0, max_position_limit=0))
     assert (unset["min_position_limit"], unset["max_position_limit"]) == (0, 4095)
 

@@ -127,7 +127,7 @@ def test_commit_ended_by_a_signal_restores_servos(interrupted, commit_new, monke
     def end(*_, **__):
         raise ending
 
-    monkeypatch.setattr("ikservo.calibration.transaction._save_file", end)
+    monkeypatch.setattr("ikservo.calibration.transaction.replace_calibration", end)
     with pytest.raises(type(ending)):
         commit_new()
     assert (interrupted.held(), interrupted.path.read_text()) == ([OLD, OLD], OLD_TEXT)

@@ -24,7 +24,7 @@ travels = st.builds(
 )
 
 
-def test_unwrap_is_right_for_every_position_offset_and_direction():
+def test_unwrap_finds_true_tick_for_every_offset_and_direction():
     """Hazard M6, exhaustive: 4096 positions × offsets −2047..2047 step 13 × direction."""
     bare = np.arange(TURN)
     cases = wrong = 0

@@ -68,7 +68,7 @@ def test_record_of_holding_arm_says_how_to_switch_torque_off(run_cli, arm):
         servo.write("torque_enable", 1)
     result = run_cli(f"record wave.jsonl --duration 100ms {REAL}")
     assert result.code == 0
-    assert "Torque is on: the arm cannot be guided by hand." in result.err
+    assert "Torque is on, so the arm cannot be guided by hand." in result.err
     assert "To switch torque off: ikservo relax" in result.err
 
 
@@ -121,8 +121,8 @@ def test_teach_now_announces_torque_and_replaced_pose(run_cli, tmp_path, monkeyp
     first, again = run_cli(words), run_cli(words)
     assert first.code == 0
     assert f'The present pose is saved as "cup"; {says}' in first.err.split("Saved pose")[0]
-    assert "It replaces" not in first.err
-    assert 'It replaces the pose "cup"' in again.err.split("Saved pose")[0]
+    assert "This replaces" not in first.err
+    assert 'This replaces the pose "cup"' in again.err.split("Saved pose")[0]
 
 
 def test_pose_command_lists_poses_of_one_arm_without_a_port(run_cli, monkeypatch):

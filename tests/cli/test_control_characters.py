@@ -82,7 +82,7 @@ def test_rich_screens_do_not_show_control_characters(monkeypatch):
 
 
 @pytest.mark.parametrize("is_terminal", [True, False])
-def test_exported_text_is_printable_on_a_terminal_only(monkeypatch, capsys, is_terminal):
+def test_export_hides_control_characters_only_on_terminal(monkeypatch, capsys, is_terminal):
     monkeypatch.setattr(sys.stdout, "isatty", lambda: is_terminal, raising=False)
     print_text("time_s,cup\x1b[2J\n")
     assert ("\x1b" in capsys.readouterr().out) is not is_terminal

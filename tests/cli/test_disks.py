@@ -188,7 +188,7 @@ def require_sentence(done, file, why, before, place):
     assert text.count("cannot be written") == 1
     assert f"{file} cannot be written: {why}" in text
     after = content(place)
-    if "The samples until then are in" not in text:
+    if "The samples recorded so far are in" not in text:
         assert after == before
     assert before.items() <= after.items()
 
@@ -243,7 +243,7 @@ def break_disk(monkeypatch, folder, number):
 @pytest.mark.full
 def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
     done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
-    assert "The samples until then are in" in done.stderr
+    assert "The samples recorded so far are in" in done.stderr
     assert len(read_recording(place / "a.jsonl").times_s) > 10
 
 
@@ -254,7 +254,7 @@ def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tm
     done = run_limited(words.format(place), 0, tmp_path)
     assert done.returncode == 1
     assert f"{file} cannot be written: File too large" in " ".join(done.stderr.split())
-    assert "The samples until then" not in done.stderr
+    assert "The samples recorded so far" not in done.stderr
     assert content(place) == before
 
 

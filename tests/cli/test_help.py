@@ -39,7 +39,7 @@ def test_command_without_arguments_prints_help_and_exits_2(run_cli):
     assert result.code == 2
 
 
-def test_an_unknown_command_is_a_usage_error(run_cli):
+def test_unknown_command_gives_usage_error(run_cli):
     result = run_cli("mvoe 1 2 3")
     assert result.code == 2
     assert "mvoe" in result.err

@@ -70,7 +70,7 @@ def test_ctrl_c_before_a_stop_message_counts_as_interrupt(monkeypatch):
         [EOFError(), KeyboardInterrupt()],  # the end of the input at a question
     ],
 )
-def test_stop_without_ctrl_c_exits_with_130(monkeypatch, errors):
+def test_stopped_error_without_ctrl_c_exits_with_130(monkeypatch, errors):
     ended = ended_after(monkeypatch, *errors)
     assert (ended.code, ended.interrupted) == (130, False)
 

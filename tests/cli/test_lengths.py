@@ -18,11 +18,11 @@ def test_length_option_asks_for_unit_of_bare_number(run_cli, words):
 
 
 @pytest.mark.parametrize("text", ["1m", "0.9", "-0.5", "900mm", "99cm", ".8"])
-def test_length_with_unit_or_below_a_metre_is_taken(text):
+def test_length_with_unit_or_below_a_metre_is_accepted(text):
     assert parse_length_m(text) == parse_coordinate_m(text)
 
 
-def test_length_refusal_names_both_meanings():
+def test_refusal_of_length_without_unit_names_both_meanings():
     with pytest.raises(typer.BadParameter, match="Did you mean -80mm") as caught:
         parse_length_m("\N{MINUS SIGN}80")
     assert "-80m" in str(caught.value)

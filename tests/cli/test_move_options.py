@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.arm import MotionProgress
-from ikservo.cli.session import motion_progress_bar
+from ikservo.cli.open_and_confirm import motion_progress_bar
 from ikservo.errors import ExitCode
 
 SO101 = "--arm so101 --port sim"

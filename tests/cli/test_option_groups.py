@@ -59,7 +59,7 @@ def test_derived_option_group_replaces_option_in_place():
     assert options["colour"].annotation.__metadata__[0].help == "A colour of oil."
 
 
-def test_option_group_with_misspelt_exclusion_is_type_error():
+def test_option_group_with_misspelt_exclusion_is_refused():
     def command(*, paint: Annotated[Paint, Without("color")]): ...
 
     with pytest.raises(TypeError, match="Paint has no color"):

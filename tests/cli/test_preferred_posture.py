@@ -64,7 +64,7 @@ def test_preferred_posture_without_freedom_changes_nothing(run_cli):
         ("--prefer elbow_flex=x", "not an angle"),
         ("--prefer elbow_flex=inf", "not an angle"),
         ("--prefer elbow_flex=1 --prefer elbow_flex=2", "given twice"),
-        ("--weight elbow_flex=2", "nothing is preferred for elbow_flex"),
+        ("--weight elbow_flex=2", "there is no preferred position for elbow_flex"),
         ("--prefer home --weight elbow_flex=-1", "at least 0"),
         ("--prefer home --weight elbow_flex=nan", "at least 0"),
         ("--prefer home --weight elbow_flex", "not JOINT=NUMBER"),
@@ -74,7 +74,7 @@ def test_preferred_posture_without_freedom_changes_nothing(run_cli):
         ("--prefer home --pitch 0", "--pitch"),
     ],
 )
-def test_bad_preferred_posture_is_a_usage_error(run_cli, options, why):
+def test_bad_preferred_posture_gives_usage_error(run_cli, options, why):
     result = run_cli(f"solve {POINT} {options}")
     assert result.code == 2
     assert why in result.err

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 import ikservo.cli
-from ikservo.cli.session import confirm_motion
+from ikservo.cli.open_and_confirm import confirm_motion
 from ikservo.cli.terminal import confirm, read_keys, wait_for_enter
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")
@@ -112,7 +112,7 @@ def test_prompt_ignores_keys_left_unread_before_it(terminal):
     assert confirm("Save?") is False
 
 
-def test_prompts_are_read_only_in_the_terminal_module():
+def test_only_the_terminal_module_reads_prompts():
     elsewhere = re.compile(r"typer\.(confirm|prompt)|\binput\(|stdin\.read")
     sources = Path(ikservo.cli.__file__).parent.rglob("*.py")
     found = [path.name for path in sources if elsewhere.search(path.read_text("utf-8"))]

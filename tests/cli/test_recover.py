@@ -141,7 +141,7 @@ def test_recover_leaves_healthy_arm_alone(run_cli):
     ("torques", "said"),
     [
         ((1, 1, 1, 1, 1, 1), "Torque is on: every joint holds"),
-        ((1, 0, 1, 1, 1, 1), "Torque is off, limp: shoulder_lift. The other joints hold."),
+        ((1, 0, 1, 1, 1, 1), "Torque is off at shoulder_lift. The other joints hold."),
     ],
 )
 def test_recover_says_which_joints_are_limp(run_cli, monkeypatch, torques, said):

@@ -40,7 +40,7 @@ def test_scene_check_names_poses_that_touch_a_thing(run_cli, scene):
     assert {each["thing"] for each in touched} == {"the can"}
     assert all(each["depth_m"] > 0.0 for each in touched)
     free = run_cli(f"scene check {scene(-0.6)} --arm so101")
-    assert (free.code, free.out) == (0, "No pose of the arm touches a thing.\n")
+    assert (free.code, free.out) == (0, "No pose of the arm touches anything in the scene.\n")
 
 
 def test_scene_command_refuses_unknown_action_and_missing_file(run_cli, scene, tmp_path):

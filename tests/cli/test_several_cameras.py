@@ -10,8 +10,8 @@ from ikservo.errors import InputError, UnknownNameError
 
 pytest.importorskip("cv2")
 
+from ikservo.apps.cameras.camera_and_arm_fit import Extent
 from ikservo.apps.cameras.camera_calibration import ArmBefore
-from ikservo.apps.cameras.estimation import Extent
 from servosim.camera import SimulatedCamera
 from tests.apps.cameras.saved_camera import save_simulated_camera
 from tests.calibration.mounted_arms import load_model

@@ -249,7 +249,7 @@ def test_solve_compare_plot_names_every_method_and_units(run_cli, tmp_path):
     assert result.err.endswith(f"Picture: {file}\n")
     words = words_of(file)
     assert {"before", "bounded", "closed_form", *LECTURE} <= set(words)
-    assert {"x [m]", "y [m]", "z [m]", "out from the base axis [m]", "iteration",
+    assert {"x [m]", "y [m]", "z [m]", "distance from the base axis [m]", "iteration",
             "position error [mm]"} <= set(words)  # fmt: skip
     assert "SO-101 follower: the tip to (0.250, 0.050, 0.150) m" in words
 
@@ -258,7 +258,7 @@ def test_solve_compare_plot_names_every_method_and_units(run_cli, tmp_path):
 def test_solve_plot_with_direction_has_an_angle_curve(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --method ccd --plot {file}")
-    assert "angle left [°]" in words_of(file)
+    assert "orientation error [°]" in words_of(file)
 
 
 @pytest.mark.full

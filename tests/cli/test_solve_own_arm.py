@@ -49,7 +49,7 @@ def test_solve_json_names_the_source_of_each_limit(run_cli, file):
 
 def test_solve_names_its_calibration_on_stderr(run_cli, file):
     result = run_cli(f"solve {AT_THE_SIDE}")
-    assert result.err == f"Limits from calibration: {file} (the newest; 1 older beside it)\n"
+    assert result.err == f"Limits from calibration: {file} (the newest; older files: 1)\n"
 
 
 @pytest.mark.sample(2)

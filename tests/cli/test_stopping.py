@@ -8,9 +8,9 @@ import threading
 import pytest
 
 from ikservo.arm import open_arm
-from ikservo.cli import session
+from ikservo.cli import open_and_confirm
 from ikservo.cli.entry_point import main
-from ikservo.cli.session import second_interrupt_lowers
+from ikservo.cli.open_and_confirm import second_interrupt_lowers
 from ikservo.clock import RealClock
 from ikservo.errors import StoppedError
 from servosim.clock import VirtualClock
@@ -28,7 +28,7 @@ def servos(monkeypatch):
         opened.update(line_of(arm).servos)
         return arm
 
-    monkeypatch.setattr(session, "open_arm", remember)
+    monkeypatch.setattr(open_and_confirm, "open_arm", remember)
     return opened
 
 
@@ -91,7 +91,7 @@ class Gone:
 def test_closed_terminal_stops_the_motion_and_arm_holds(servos, monkeypatch):
     press(monkeypatch, [signal.SIGHUP])
     monkeypatch.setattr(
-        "ikservo.cli.session.print_status", lambda _: None
+        "ikservo.cli.open_and_confirm.print_status", lambda _: None
     )  # said while it was open
     monkeypatch.setattr("sys.stderr", Gone())
     assert move() == 130

@@ -111,7 +111,7 @@ def test_touch_off_drops_and_names_camera_of_the_old_zeros(arm, truth, tmp_path,
     save_calibration(read_calibration(path).model_copy(update={"camera": camera}))
     done = run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes")
     assert done.code == 0
-    assert "The camera of 2026-11-02 was calibrated with the old zeros" in done.err
+    assert "The camera calibration from 2026-11-02 used the old zeros" in done.err
     assert read_calibration(path).camera is None
 
 
@@ -144,14 +144,14 @@ def test_touch_off_with_too_few_touches_saves_nothing(arm, truth, tmp_path, run_
     assert calibration_path(NAME, SERIAL).read_text() == before
 
 
-def test_touch_off_without_operator_times_out_with_the_point(arm, tmp_path, run_cli, monkeypatch):
+def test_touch_off_time_out_names_the_untouched_point(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
 
 
-def test_touch_off_sheet_names_place_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
+def test_touch_off_states_place_of_sheet_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 1.0)
     done = run_cli(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err

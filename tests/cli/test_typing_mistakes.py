@@ -33,6 +33,14 @@ def test_decimal_comma_is_answered_with_a_decimal_point(run_cli, words):
     assert "'0,25' has a comma; use a decimal point: 0.25" in result.err
 
 
+@pytest.mark.parametrize("words", ["workspace --slice left", "mcp --allow fast --port sim"])
+def test_wrong_choice_names_the_possible_ones(run_cli, words):
+    result = run_cli(f"{words} --arm so101")
+    assert result.code == 2
+    assert "Value error" not in result.err
+    assert " is not one of '" in result.err
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("point", ["0.9 0 0.1", "0.35 0 -0.2", "-0.6 0.1 0.0", "0.1 0.1 0.9"])
 def test_point_suggested_by_move_is_accepted(run_cli, point):

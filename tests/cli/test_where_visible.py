@@ -13,7 +13,7 @@ def test_visible_from_lists_each_link_and_what_hides_it(run_cli):
     assert "gripper" in links["shoulder"]["hidden_by"]
 
 
-def test_visible_from_text_is_a_table(run_cli):
+def test_where_with_visible_from_prints_a_table(run_cli):
     out = run_cli(f"{WHERE} --visible-from=-0.5,0,100mm").out
     assert "seen from (-0.500, 0.000, 0.100) m" in out
     assert next(line for line in out.splitlines() if line.startswith("gripper  ")).split()

@@ -166,7 +166,7 @@ def test_wiggle_finds_swapped_servo_ids(monkeypatch, run_cli, watcher, pair):
     watcher(arm)
     done = run_cli(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
     assert done.code == 6, done.err
-    assert "does not move as in the arm file" in done.err
+    assert "does not move as the arm file says" in done.err
     assert not directions_confirmed(load_model("so101"), PORT)
 
 
@@ -183,4 +183,4 @@ def test_pose_lifts_the_tool_first_if_the_arm_rests_on_table(monkeypatch):
     bench = place_arm(monkeypatch, "so101", "rest, sunk", "real, calibrated")
     done = run_arguments(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
     assert done.code == 0, done.err
-    assert "The arm rests on something: elbow_flex moves so that the tool goes up" in done.err
+    assert "The arm rests on something, so elbow_flex moves so that the tool moves up" in done.err

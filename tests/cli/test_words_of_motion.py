@@ -60,7 +60,7 @@ def test_blocked_jog_says_how_to_jog_back(run_cli, speed, back):
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
-    monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
+    monkeypatch.setattr("ikservo.cli.open_and_confirm.is_compiled", lambda: compiled)
     result = run_cli(f"jog shoulder_pan --duration 100ms {SIM} --json")
     assert result.err.count("not compiled") == (not compiled)
     assert result.code == 0
@@ -74,17 +74,17 @@ def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
         ("jog shoulder_pan --duration 1 --speed 0", "The speed is 0."),
         ("jog shoulder_pan --duration 1 --speed 20mm", "is not an angle"),
         ("jog elbow --duration 1", "There is no joint or direction named 'elbow'."),
-        ("gripper ajar", "There is no motion of the gripper named 'ajar'."),
+        ("gripper ajar", "There is no gripper motion named 'ajar'."),
         ("gripper 30mm", "The width is 0.03 m."),
         ("gripper close --force 2", "The force is 2."),
-        ("teach cup", "Cannot ask: input is not a terminal."),
-        ("teach cup --float", "Cannot ask: input is not a terminal."),
+        ("teach cup", "Cannot wait for Enter, because input is not a terminal."),
+        ("teach cup --float", "Cannot wait for Enter, because input is not a terminal."),
         ("teach cup --float --now", "--float and --now cannot be used together."),
         ("teach cup --for 2s --now", "--for can only be used with --float."),
         ("teach home --float --for 1s", "The name of the pose is home, a pose of the arm"),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
-        ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
+        ("record wave.jsonl", "Cannot wait for Ctrl-C, because input is not a terminal."),
         ("record no/wave.jsonl --duration 1", "no/wave.jsonl cannot be written"),
         ("replay wave.jsonl", "wave.jsonl: does not exist"),
         ("replay wave.jsonl --speed swift", "There is no speed named 'swift'."),
@@ -182,7 +182,7 @@ def test_position_bar_shows_where_a_joint_is(position, drawn):
     assert position_bar(position, -1.0, 1.0, 9) == drawn
 
 
-def test_position_bar_without_limits_is_in_the_middle():
+def test_position_bar_without_limits_marks_the_middle():
     assert position_bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
 
 
@@ -276,7 +276,7 @@ def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeyp
     result = run_cli(f"teach cup --float {SIM} --json")
     assert result.code == 0, result.err
     assert next(pressed, None) is None
-    assert "carries the arm's weight until you press Enter" in result.err
+    assert "carry the arm's weight until you press Enter" in result.err
     assert "The arm holds its position." in result.err
     there = result.json["joints_rad"]
     where = {joint["name"]: joint for joint in run_cli(f"where {SIM} --json").json["joints"]}
@@ -286,7 +286,7 @@ def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeyp
 def test_teach_float_ends_after_a_time_without_a_terminal(run_cli):
     result = run_cli(f"teach cup --float --for 1.5s {SIM} --json")
     assert result.code == 0, result.err
-    assert "carries the arm's weight for 1.5 s" in result.err
+    assert "carry the arm's weight for 1.5 s" in result.err
 
 
 def test_record_announces_itself_once_its_file_exists(run_cli, tmp_path, monkeypatch):

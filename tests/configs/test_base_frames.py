@@ -42,7 +42,7 @@ def test_base_frame_is_conventional_unless_arm_file_explains(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_base_frame_offset_in_text_is_the_true_one(name):
+def test_base_frame_text_names_the_offset_of_the_model(name):
     model = load_model(name)
     for offset_m in (first_axis(model)[0][0], model.floor_m or 0.0):
         if abs(offset_m) > 1e-6:

@@ -52,7 +52,7 @@ def test_compensated_goals_do_not_jump_at_start_of_motion(compensator, start):
     assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks
 
 
-def test_resting_joint_keeps_the_goal_that_friction_allows(compensator, start):
+def test_resting_joint_keeps_goal_offset_within_friction(compensator, start):
     compensator.begin(start, start + 0.004)
     goals = goals_of(compensator, start, 0.0, 1.0)
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
@@ -206,7 +206,7 @@ def test_compensation_does_not_wind_up_at_a_limit(arm, compensator, start):
     assert integrals[-1] == integrals[10] < 0.005
 
 
-def test_compensation_passes_reference_beyond_limits_to_guard(arm, compensator, start):
+def test_compensation_leaves_reference_beyond_limits_unchanged(arm, compensator, start):
     _, high = arm._context.limits()
     compensator.begin(start, start)
     outside = np.where(np.arange(6) == 1, high + 0.1, start)

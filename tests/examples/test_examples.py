@@ -82,7 +82,7 @@ def test_camera_pick_example_works_from_board_to_lifted_cube(run, monkeypatch, t
 
 
 def test_network_example_drives_an_arm_of_a_server(run, monkeypatch):
-    monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
+    monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
         assert re.search(PRINTED["network"], run("network", served.address))

@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 from ikservo.apps.importing import meshes
-from ikservo.apps.importing.fitting import fit_capsules
+from ikservo.apps.importing.mesh_capsules import fit_capsules
 from ikservo.apps.importing.meshes import MAX_TRIANGLES, read_triangles
 from ikservo.apps.importing.mjcf import read_mjcf
 from ikservo.apps.teaching.dataset_reading import MAX_FRAMES, read_dataset
@@ -98,7 +98,7 @@ def test_mcap_chunk_is_inflated_at_most_to_its_stated_size(compression, tmp_path
     tracemalloc = pytest.importorskip("tracemalloc")
     tracemalloc.start()
     try:
-        with pytest.raises(FileFormatError, match="another size than it states"):
+        with pytest.raises(FileFormatError, match="does not inflate to its stated size"):
             read_recording(path)
         assert tracemalloc.get_traced_memory()[1] < 20_000_000
     finally:
@@ -191,8 +191,8 @@ def doubled(depth):
 
 
 SCENES = {
-    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counted at each use"),
-    "without a surface": (("", doubled(30), shown("n29")), "counted at each use"),
+    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "counting repeated parts each time"),
+    "without a surface": (("", doubled(30), shown("n29")), "counting repeated parts each time"),
     "in a circle": (
         (ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")),
         "contains itself",

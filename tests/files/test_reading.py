@@ -45,7 +45,7 @@ def test_file_name_that_is_too_long_is_refused(tmp_path: Path) -> None:
 
 
 def test_path_with_a_null_byte_is_refused() -> None:
-    assert refusal(Path("a\0b")) == "cannot be a path"
+    assert refusal(Path("a\0b")) == "is not a valid path"
 
 
 def test_file_without_read_permission_is_refused(

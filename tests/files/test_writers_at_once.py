@@ -78,7 +78,7 @@ def test_two_programs_that_remember_adapters_keep_both(at_once, tmp_path, monkey
     assert [port_names.remembered_serial_number(arm) for arm in ("so101", "koch")] == ["A1", "B2"]
 
 
-def test_file_locked_by_another_program_is_a_timely_error(tmp_path, monkeypatch):
+def test_file_locked_by_another_program_is_reported_in_time(tmp_path, monkeypatch):
     monkeypatch.setattr(writing, "_LONGEST_LOCK_S", 0.05)
     path = tmp_path / "arm.toml"
     busy = pytest.raises(FileWriteError, match="another program is changing it")

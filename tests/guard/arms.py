@@ -3,7 +3,7 @@
 from functools import cache
 
 from ikservo.model import load_model
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 
 
 @cache

@@ -34,7 +34,7 @@ def checker_of(name, things):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "every kind of joint"])
-def test_clear_space_contains_poses_by_checker_distance(name):
+def test_clear_space_agrees_with_distances_of_checker(name):
     shape = every_kind_of_joint() if name == "every kind of joint" else body(name)
     checker = CollisionChecker(shape, 0.02, [*BOXES, *things_around(4)])
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (400, checker.dof))
@@ -107,7 +107,7 @@ def test_clear_space_finds_plate_of_1_um_thickness():
         assert any(space.is_free(np.array([end, 0.3 * end])) for end in (start, goal))
 
 
-def test_clear_space_accepts_clearance_of_path_ends():
+def test_clear_space_accepts_path_ends_near_but_not_in_contact():
     checker = CollisionChecker(body("so101"), None, BOXES)
     q = np.random.default_rng(7).uniform(-1.2, 1.2, (400, checker.dof))
     near_m = checker.distances(q).min(axis=1)

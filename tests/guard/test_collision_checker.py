@@ -130,7 +130,7 @@ def test_posture_above_floor_has_no_contact(height_m):
     assert deepest_contact(space_of_balls(), height_m, 1.0) == ""
 
 
-def test_deepest_contact_names_floor_and_depth():
+def test_deepest_contact_names_pair_and_depth():
     assert deepest_contact(space_of_balls(), 0.08, 1.0) == "lift-the table, 20.0 mm"
 
 
@@ -155,7 +155,7 @@ def test_contact_names_both_links():
 
 
 @pytest.mark.parametrize("depth_m", [0.0, 0.9e-9])
-def test_touching_at_zero_depth_is_free(depth_m):
+def test_posture_touching_at_zero_depth_is_free(depth_m):
     space, q = space_of_balls(), np.array([0.1 - depth_m, 1.0])
     assert deepest_contact(space, *q) == ""
     space.check_path([np.array([0.5, 1.0]), q])
@@ -220,7 +220,7 @@ def test_retargeted_paths_in_contact_sink_less_than_0_5_mm():
     assert sink_by_checks(0.05, 50, rest=np.array([0.05, 1.0])) >= 0.0495
 
 
-def test_depth_does_not_grow_over_paths_stopped_in_contact():
+def test_contact_depth_does_not_grow_over_stopped_paths():
     began_m = np.minimum(space_of_balls().distances([np.array([0.05, 1.0])])[0], 0.0)
     assert sink_by_checks(0.05, 50, began_m=began_m) >= 0.0495
     unknown_m = np.full(len(began_m), -np.inf)

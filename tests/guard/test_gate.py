@@ -102,7 +102,7 @@ def test_gate_refuses_goal_that_is_not_an_integer_for_all_joints(tick):
 
 def test_gate_refuses_unknown_joint_and_sends_nothing():
     gate, bus, _ = make_gate_at(2048)
-    with pytest.raises(RefusedError, match="3 values do not fit the 2 joints"):
+    with pytest.raises(RefusedError, match="3 values do not match the 2 joints"):
         gate.send({"wrist": 2050, "elbo": 2048})
     assert bus.sent == []
 
@@ -224,7 +224,7 @@ def test_gate_refuses_goal_without_position_reading():
 def test_every_gate_method_refuses_row_of_other_length(call, row):
     gate, _, clock = make_gate_at(2048)
     times = (clock.now_s(),) if call in ("shorten_goals", "update_measured") else ()
-    with pytest.raises(RefusedError, match="do not fit the 2 joints"):
+    with pytest.raises(RefusedError, match="do not match the 2 joints"):
         getattr(gate.gate, call)(row, *times)
 
 
@@ -254,7 +254,7 @@ def test_goals_that_were_not_committed_do_not_count_as_sent():
 def test_every_gate_method_refuses_unknown_joint(call):
     gate, bus, _ = make_gate_at(2048)
     rest = (0.02,) if call == "update_measured" else ()
-    with pytest.raises(RefusedError, match="3 values do not fit the 2 joints"):
+    with pytest.raises(RefusedError, match="3 values do not match the 2 joints"):
         getattr(gate, call)({"elbo": 2048}, *rest)
     assert bus.sent == []
 
@@ -372,7 +372,7 @@ def test_check_range_refuses_goal_outside_limits(goal, start):
 
 
 def test_check_range_refuses_unknown_joint():
-    with pytest.raises(RefusedError, match="3 values do not fit the 2 joints"):
+    with pytest.raises(RefusedError, match="3 values do not match the 2 joints"):
         make_gate_at(2048)[0].check_range({"elbo": 2048}, {"elbo": 2048})
 
 
@@ -407,7 +407,7 @@ class TestOneReadingOfTheClock:
     @pytest.mark.parametrize("time_s", [CYCLE_S + 1e-6, -1e-6, math.nan, math.inf])
     def test_goal_time_after_now_or_before_last_command_is_refused(self, time_s):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
-        with pytest.raises(RefusedError, match=r"goals have the time .* not between"):
+        with pytest.raises(RefusedError, match=r"time of the goals, .* not between"):
             gate.send({"elbow": 2049}, time_s)
         assert bus.sent == []
 

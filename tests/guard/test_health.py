@@ -67,7 +67,9 @@ def test_supply_at_limits_of_servo_is_accepted(volts):
 @pytest.mark.parametrize("volts", [5.9, 8.5])
 def test_supply_outside_limits_of_servo_holds_arm(volts):
     health = HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)})
-    with pytest.raises(ServoAlarmError, match=rf"supply of {volts} V, outside 6\.0 to 8\.4 V"):
+    with pytest.raises(
+        ServoAlarmError, match=rf"supply voltage of {volts} V, outside 6\.0 to 8\.4 V"
+    ):
         see(health, voltage_v=volts)
 
 

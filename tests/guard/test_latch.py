@@ -30,7 +30,7 @@ def test_stop_latch_keeps_first_reason():
     assert latch.reason is HEAT
 
 
-def test_stop_without_message_is_a_stop():
+def test_stop_latch_without_message_refuses_commands():
     latch = StopLatch()
     latch.latch_stop(StopReason(StopKind.PROGRAM))
     with pytest.raises(RefusedError, match="stopped"):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, KeepOutBox, way_search
-from ikservo.guard.way_search import WaySearch, path_length
+from ikservo.guard import CollisionChecker, KeepOutBox, path_search
+from ikservo.guard.path_search import WaySearch, path_length
 from ikservo.kernels import compiled
 from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.capsules import Capsule
@@ -74,7 +74,7 @@ def test_path_search_ends_by_callback_or_sample_limit():
 
 def test_path_search_does_not_take_gap_that_samples_miss(monkeypatch):
     thin = maze(gap=5.0)  # the wall is 80 mm thick, as is the ball with what it keeps
-    monkeypatch.setattr(way_search, "_STEP_M", 0.5)
+    monkeypatch.setattr(path_search, "_STEP_M", 0.5)
     walled = search(thin)
     assert walled.find(20000) is None
     assert walled._step_m < 0.5
@@ -83,7 +83,7 @@ def test_path_search_does_not_take_gap_that_samples_miss(monkeypatch):
 def test_path_search_shortens_path_after_first_one(monkeypatch):
     space = maze(gap=0.6, half_m=0.06)
     lengths = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
-    monkeypatch.setattr(way_search, "_MOST_WAYS", 1)
+    monkeypatch.setattr(path_search, "_MOST_WAYS", 1)
     first = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
     assert sum(lengths) <= sum(first)
     assert max(lengths) < 1.25 * min(lengths)
@@ -133,9 +133,9 @@ def test_compiled_path_search_equals_python_search(monkeypatch, name):
 
         return run
 
-    monkeypatch.setattr(way_search, "bind", bind)
-    monkeypatch.setattr(way_search, "_NODES", 200)
-    monkeypatch.setattr(way_search, "_MOST_WAYS", 1)
+    monkeypatch.setattr(path_search, "bind", bind)
+    monkeypatch.setattr(path_search, "_NODES", 200)
+    monkeypatch.setattr(path_search, "_MOST_WAYS", 1)
     assert search(maze(gap=0.8, half_m=0.1)).find(500) is not None
     assert pairs
 

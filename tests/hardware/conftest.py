@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.hardware import Port, ServoBus, ServoSpec, open_port
-from ikservo.hardware.pending import AdaptiveTimeout, LineHealth
+from ikservo.hardware.late_replies import AdaptiveTimeout, LineHealth
 from ikservo.registers import STS3215, XL430W250, control_table
 
 from .factories import PortMode

@@ -20,16 +20,16 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
     [
         (
             [3, 4, 5, 6],
-            "Servos 3 to 6 do not answer, 1 and 2 answer: check the cable from lift to elbow.",
+            "Servos 3 to 6 do not answer; 1 and 2 answer. Check the cable from lift to elbow.",
         ),
-        ([6], "Servo 6 does not answer, 1 to 5 answer: check the cable from roll to gripper."),
+        ([6], "Servo 6 does not answer; 1 to 5 answer. Check the cable from roll to gripper."),
         (
             [2, 3, 4, 5, 6],
-            "Servos 2 to 6 do not answer, 1 answers: check the cable from pan to lift.",
+            "Servos 2 to 6 do not answer; 1 answers. Check the cable from pan to lift.",
         ),
         (
             [3],
-            "Servo 3 does not answer, the others do. Check its connector, id and baud rate.",
+            "Servo 3 does not answer; the others do. Check its connector, id and baud rate.",
         ),
         (
             [1, 2, 3, 4, 5, 6],

@@ -138,6 +138,6 @@ def test_shadow_follows_goal_of_leader_and_answers_at_own_id(simulated):
     assert bus.read(3, RegisterName.GOAL_POSITION, raw=True) == goal_tick
 
 
-def test_missing_arm_file_of_sim_port_is_input_error():
+def test_missing_arm_file_of_sim_port_is_reported():
     with pytest.raises(InputError, match=r"nowhere/arm\.toml"):
         open_port("sim:/nowhere/arm.toml", 1_000_000)

@@ -10,7 +10,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadReplyError
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.hardware.diagnostics import find_duplicate_ids, raise_on_duplicate_ids
+from ikservo.hardware.duplicate_ids import find_duplicate_ids, raise_on_duplicate_ids
 from ikservo.hardware.ping_sweep import framing_of
 from ikservo.hardware.scan import identify
 from ikservo.registers import control_table
@@ -111,5 +111,5 @@ def test_silent_servo_is_not_a_duplicate_id(models):
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_open_arm_refuses_duplicate_ids(monkeypatch, arm):
     change_bus(monkeypatch, lambda line: line.servos[3].memory.put("id", 2))
-    with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers like several servos"):
+    with pytest.raises(BadReplyError, match=r"\(id 2\) on .* answers as if it were several servos"):
         ikservo.open_arm(arm, port="sim")

@@ -86,7 +86,7 @@ USES = {
     "rate": lambda port: port.setBaudRate(500_000),
 }
 SIM = f"sim:{Path(ikservo.__file__).parent.parent / 'configs/so101/arm.toml'}"
-FORKED = "opened before this process was forked"
+FORKED = "opened by the parent process before the fork"
 
 
 @pytest.mark.parametrize("use", USES.values(), ids=USES)

@@ -174,7 +174,7 @@ def test_torque_on_refuses_continuous_rotation(model):
 
 
 @pytest.mark.parametrize(("outside", "switched_on"), [(30, True), (600, False)])
-def test_torque_on_outside_limits_works_only_nearby(outside, switched_on):
+def test_torque_on_outside_limits_works_only_close_to_them(outside, switched_on):
     bus, at_tick = limp_bus("STS3215")
     simulated_servos(bus)[1].write("max_position_limit", at_tick - outside)
     if switched_on:

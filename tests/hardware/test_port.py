@@ -56,12 +56,12 @@ class TestOpening:
             ("hwgrep://(", "unterminated"),
         ],
     )
-    def test_pyserial_url_errors_become_no_port_error(self, name, why):
+    def test_open_port_reports_url_that_pyserial_refuses(self, name, why):
         with pytest.raises(NoPortError, match=why):
             open_port(name, 1_000_000)
 
     @pytest.mark.skipif(sys.platform == "win32", reason="these are errors of Unix")
-    def test_port_name_refused_by_system_raises_no_port_error(self, tmp_path):
+    def test_open_port_reports_name_that_the_system_refuses(self, tmp_path):
         link = tmp_path / "arm"
         link.symlink_to(link)
         refused = {
@@ -92,7 +92,7 @@ class TestOpening:
         with pytest.raises(PortError, match="usermod -aG"):
             open_port("/dev/null", 1_000_000)
 
-    def test_windows_access_denied_is_reported_as_no_permission(self, monkeypatch):
+    def test_windows_access_denied_reports_missing_permission(self, monkeypatch):
         words = "could not open port 'COM3': PermissionError(13, 'Access is denied.')"
         self._fail_with(monkeypatch, serial.SerialException(words))
         with pytest.raises(PortError, match="No permission"):
@@ -102,7 +102,7 @@ class TestOpening:
         with serial.Serial(pty_name, exclusive=True), pytest.raises(PortBusyError):
             open_port(pty_name, 1_000_000)
 
-    def test_refused_socket_connection_raises_no_port_error(self):
+    def test_open_port_reports_refused_socket_connection(self):
         with socket.socket() as closed_socket:
             closed_socket.bind(("127.0.0.1", 0))  # bound and not listening
             url = f"socket://127.0.0.1:{closed_socket.getsockname()[1]}"

@@ -9,7 +9,7 @@ import pytest
 
 from ikservo.errors import BusError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import torque_on, update_eeprom
-from ikservo.hardware.pending import LineHealth
+from ikservo.hardware.late_replies import LineHealth
 from ikservo.hardware.protocols import protocol1
 from ikservo.hardware.protocols.protocol2 import Protocol2Codec
 from ikservo.registers import STS3215, Alarm, RegisterName

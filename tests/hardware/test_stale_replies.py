@@ -7,14 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.errors import BadReplyError, BusError, ServoSilentError
-from ikservo.hardware.packets import MemoryRange
-from ikservo.hardware.pending import (
+from ikservo.hardware.late_replies import (
     MAX_REPLY_DELAY_S,
     AdaptiveTimeout,
     ByteRateCheck,
     LineHealth,
     PendingReplies,
 )
+from ikservo.hardware.packets import MemoryRange
 from ikservo.registers import STS3215, XL430W250, RegisterName
 
 from .factories import add_faults, make_bus, simulated_servos

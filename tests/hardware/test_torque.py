@@ -43,7 +43,7 @@ def test_torque_on_writes_position_as_goal_first(feetech, ranged):
 def test_torque_goes_off_if_servo_does_not_take_goal(feetech, ranged):
     ranged.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
     ranged.expect(OFF, TAKEN)
-    with pytest.raises(ServoRejectedError, match="keeps goal 5 instead of 2048"):
+    with pytest.raises(ServoRejectedError, match="keeps goal 5 instead of its position, 2048"):
         torque_on(feetech, 1)
 
 
@@ -57,7 +57,8 @@ def test_torque_stays_off_at_wrong_supply_voltage(feetech, line):
     line.expect(VOLTAGE, "FF FF 01 03 00 C8 33").expect(LOWEST, LOWEST_4)
     line.expect(HIGHEST, HIGHEST_14)
     with pytest.raises(
-        ServoAlarmError, match=r"has a supply of 20\.0 V; its own limits are 4\.0 to 14\.0 V"
+        ServoAlarmError,
+        match=r"has a supply voltage of 20\.0 V; its own limits are 4\.0 to 14\.0 V",
     ):
         torque_on(feetech, 1)
 

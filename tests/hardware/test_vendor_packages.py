@@ -82,16 +82,16 @@ def test_dynamixel_arm_moves_with_old_sdk_over_newest(installed, release):
 
 
 @pytest.mark.full
-def test_error_names_package_serial_over_pyserial_and_repair(installed):
+def test_error_names_package_serial_that_replaced_pyserial(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
     first, second = result.stderr.splitlines()
-    assert first == "The Python module serial of pyserial is damaged or replaced by serial."
+    assert first == "The Python module serial of pyserial is damaged or was replaced by serial."
     assert "pip uninstall --yes serial && " in second
     assert second.endswith("pip install --force-reinstall pyserial")
 
 
 @pytest.mark.full
-def test_pyserial_over_package_serial_works(installed):
+def test_pyserial_installed_after_package_serial_works(installed):
     result = moved(installed("serial==0.0.97", "pyserial==3.5"), "so101")
     assert result.returncode == 0, result.stderr
 

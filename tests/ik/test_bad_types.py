@@ -138,7 +138,7 @@ def test_options_are_checked_when_created():
         Options(posture=[0.0, 0.0])
 
 
-def test_auto_method_prefers_posture_of_redundant_arm():
+def test_auto_method_moves_redundant_arm_to_preferred_posture():
     arm = planar(0.3, 0.2, 0.1)
     near = Posture([0.0, 0.0, 1.2], [0.0, 0.0, 1.0])
     target = Target((0.35, 0.1, 0.0))

@@ -30,9 +30,9 @@ STRUCTURES = {
     "so100": "yaw + planar 3R + roll",
     "so101": "yaw + planar 3R + roll",
     "vx250": "yaw + planar 3R + roll",
-    "vx300s": "yaw + planar 2R + 3R wrist that meets in a point",
+    "vx300s": "yaw + planar 2R + 3R wrist with axes that meet at a point",
     "wx200": "yaw + planar 3R + roll",
-    "wx250s": "yaw + planar 2R + 3R wrist that meets in a point",
+    "wx250s": "yaw + planar 2R + 3R wrist with axes that meet at a point",
 }
 # Two of its axes are 2.7e-6 rad from parallel, by the rounded angles of its source.
 NEARLY = ("koch",)
@@ -258,7 +258,7 @@ def test_spherical_wrist_has_up_to_eight_solutions():
     assert max(counts) == 8
 
 
-def test_stretched_wrist_keeps_first_roll():
+def test_stretched_wrist_keeps_roll_of_the_start():
     arm, q = chain("wx250s"), np.array([0.3, 0.2, 0.4, 0.5, 0.0, 0.7])
     found = solutions(arm, target_of(arm, q, "pose"), q)[0]
     np.testing.assert_allclose(found, q, atol=1e-6)

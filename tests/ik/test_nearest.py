@@ -102,7 +102,7 @@ def test_closed_form_answer_has_trace_from_start_to_answer():
     raise AssertionError("none was exchanged")
 
 
-def test_tracking_ends_at_limit_where_other_branch_is_far():
+def test_tracking_stops_at_limit_instead_of_a_far_branch():
     # The first half of the line of poses of docs/benchmarks.md that ours does not follow.
     chain = load_model("vx300s").chain
     q = np.array([-0.40295758, -1.29302554, -1.63821139, 1.68671205, -1.52494954, 0.9037118])

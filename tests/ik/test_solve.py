@@ -37,7 +37,7 @@ def test_solution_is_always_inside_joint_limits(x, y, z):
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(-1, 1), st.floats(-1, 1))
-def test_reached_agrees_with_forward_kinematics(x, y):
+def test_reached_flag_agrees_with_forward_kinematics(x, y):
     result = solve(ARM, Target((x, y, 0.0)), restarts=4)
     error_m = float(np.linalg.norm(ARM.forward(result.q)[:3, 3] - (x, y, 0.0)))
     assert result.position_error_m == pytest.approx(error_m, abs=1e-12)
@@ -84,7 +84,7 @@ def test_same_problem_gives_same_answer():
     np.testing.assert_array_equal(first.q, second.q)
 
 
-def test_prismatic_joint_is_solved():
+def test_solve_finds_position_of_prismatic_joint():
     result = solve(crane(), Target(crane().forward([1.1, 0.22])[:3, 3]))
     np.testing.assert_allclose(result.q, [1.1, 0.22], atol=1e-6)
 
@@ -143,7 +143,7 @@ def test_unused_chain_is_freed():
     assert known() is None
 
 
-def test_equal_options_of_wrong_type_are_refused():
+def test_option_of_wrong_type_is_refused_even_if_it_is_equal():
     arm, target = planar(0.3, 0.2), Target((0.3, 0.2, 0.0))
     assert solve(arm, target, track=True).reached == solve(arm, target, track=True).reached
     with pytest.raises(BadValueError, match="track"):

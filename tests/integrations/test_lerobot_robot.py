@@ -101,7 +101,7 @@ def test_ee_delta_steps_move_tip_along_axes_and_keep_tool_angle(connected, arm):
 
 
 def test_ee_delta_steps_move_remote_arm(connected, monkeypatch):
-    monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
+    monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
         robot = connected(port=served.address, action="ee_delta", observe_tip=True)
@@ -163,7 +163,7 @@ def test_joint_action_beyond_limit_is_clipped_and_returned(connected, caplog):
     assert {record.levelno for record in caplog.records} == {logging.WARNING}
 
 
-def test_jump_of_actions_is_shaped_to_arm_limits(connected):
+def test_jump_in_actions_is_followed_within_arm_limits(connected):
     robot = connected(speed="fast")
     auditor = Auditor(arm_of(robot))
     send(robot, {"shoulder_pan.pos": 0.0}, 5)

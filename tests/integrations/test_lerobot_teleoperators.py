@@ -30,7 +30,7 @@ def test_leader_action_is_its_measured_joints(plugin):
     assert not leader.is_connected
 
 
-def test_leader_with_torque_on_is_warned_about(plugin, caplog):
+def test_warning_names_leader_with_torque_on(plugin, caplog):
     leader = plugin.IkservoLeader(plugin.IkservoLeaderConfig(id="a", port="sim:?pose=home"))
     opened = ikservo.open_arm
 

@@ -11,7 +11,7 @@ from functools import cache
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import CalibrationResult
 from ikservo.hardware.transport import open_transport
 from ikservo.model import load_model

@@ -8,7 +8,7 @@ import numpy as np
 
 from ikservo.guard import CollisionChecker
 from ikservo.model import load_model
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from servosim import read_arm_file
 from servosim.assembly import make_arm_world
 from tests.oracle import arm_file

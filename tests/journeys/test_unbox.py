@@ -96,7 +96,7 @@ def calibrate(terminal, arm, printed):
     """Follow the instructions on the screen: pose, directions, sweep, review, save."""
     arm.move_joints(printed.held_deg)
     with terminal.running("calibrate", "so101", "--port", arm.port) as program:
-        program.wait_for("It is still: continue.")
+        program.wait_for("The arm is still; continue.")
         program.type("\r")
         program.wait_for(f"Move {JOINTS[0]}")
         for joint, following in zip(JOINTS, (*JOINTS[1:], "every joint"), strict=True):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.kinematics import Dynamics
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.model import load_model
 from ikservo.model.link_masses import link_masses
 from servosim import read_arm_file

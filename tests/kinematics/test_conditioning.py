@@ -260,7 +260,7 @@ def test_batch_manipulability_has_one_value_per_jacobian():
 
 
 @pytest.mark.parametrize("sample", range(len(ordinary_postures(2))))
-def test_arm_stretched_in_one_sample_keeps_two_directions(
+def test_arm_straight_at_nonzero_angle_keeps_two_directions(
     sample,
 ):
     bend = ordinary_postures(2)[sample, 1]

@@ -152,11 +152,13 @@ def test_latin_1_file_is_refused_with_its_line(arm_path: Path) -> None:
         read_arm_file(arm_path)
 
 
-def test_pose_of_99_joints_in_one_line_is_refused_in_joints(arm_path: Path, arm_text: str) -> None:
+def test_pose_with_99_joints_in_one_line_is_refused(arm_path: Path, arm_text: str) -> None:
     pose = ", ".join(f"joint{i} = 1.5" for i in range(99))
     error = refused(arm_path, f"{arm_text}\n[poses.far]\ndeg = {{ {pose} }}\n")
-    assert error.found == "has 99 joints or other values"
-    assert error.expected.startswith("at most 64 in a line; give a pose a line per joint")
+    assert error.found == "has 99 values, such as joint angles"
+    assert error.expected.startswith(
+        "at most 64 in a line; write each joint of a pose in its own line"
+    )
 
 
 def test_arm_file_comment_with_many_dots_is_accepted(arm_path: Path, arm_text: str) -> None:

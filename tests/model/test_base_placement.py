@@ -10,7 +10,7 @@ from ikservo.errors import BadValueError, FileFormatError
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import load_model
 from ikservo.model.base_placement import parse_frame
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from servosim.arm_file import read_arm_file
 from servosim.dynamics import RigidArm
 from tests.oracle import CONFIGS

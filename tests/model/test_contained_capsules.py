@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ikservo.kinematics.capsules import Capsule, segment_distance
-from ikservo.model.collision_model import _without_contained
+from ikservo.model.collision_capsules import _without_contained
 
 NUMBERS = st.floats(-0.1, 0.1)
 POINTS = st.tuples(NUMBERS, NUMBERS, NUMBERS).map(np.array)

@@ -9,7 +9,7 @@ import pytest
 
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import load_model
-from ikservo.model.collision_model import bounding_capsules, collision_body
+from ikservo.model.collision_capsules import bounding_capsules, collision_body
 from ikservo.model.urdf_types import Box, Cylinder, Sphere
 from tests.kinematics.box_distance import box_distances
 from tests.oracle import ARMS, CONFIGS

@@ -5,7 +5,7 @@ import pytest
 from ikservo.model import load_model
 from ikservo.model.joint_drive import joint_drive, nominal_parameters
 from ikservo.model.load_lag import spread_postures
-from ikservo.model.stopping_times import stopping_times_s
+from ikservo.model.travel_after_kill import stopping_times_s
 
 
 def furthest(inertia, damping, stiffness):

@@ -130,5 +130,5 @@ def test_tool_speed_is_constant_between_ramps(tool_speed_m_s):
 
 def test_out_of_reach_error_says_arc():
     arc = arc_about_axis(FROM, FROM + 0.2 * X, (0, 1, 0), math.pi)
-    with pytest.raises(CartesianPathError, match="The arc can be followed for 0"):
+    with pytest.raises(CartesianPathError, match="The arc can be followed only for 0"):
         CartesianTrajectory(CHAIN, HOME, arc, PACES)

@@ -175,5 +175,5 @@ def test_resting_servo_draws_standby_current_only() -> None:
     assert supply.voltage_v([Motor(PARAMETERS["XL430-W250"])]) == pytest.approx(11.9)
 
 
-def test_push_path_has_infinite_target() -> None:
+def test_simulated_push_has_an_infinitely_far_target() -> None:
     assert push(2.0)(99.0) == (math.inf, 0.0)

@@ -22,7 +22,7 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_temperature_read_of_manual_is_answered(make_port):
+def test_temperature_read_is_answered_as_in_manual(make_port):
     port = make_port("AX-12A")
     port.write(bytes.fromhex("FFFF0104022B01CC"))
     assert port.read(64).hex() == "ffff010300 19 e2".replace(" ", "")

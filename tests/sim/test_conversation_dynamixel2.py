@@ -31,7 +31,7 @@ def test_ping_returns_model_and_firmware(make_port):
     assert ask(port, 1, 0x01) == [(1, 0, bytes((0xFC, 0x03, 46)))]
 
 
-def test_write_of_manual_is_answered_as_in_manual(make_port):
+def test_goal_write_is_answered_as_in_manual(make_port):
     port = make_port("XM430-W350")
     port.write(bytes.fromhex("FFFFFD00010900037400000200 00CA89".replace(" ", "")))
     assert port.read(64).hex() == "fffffd000104005500a10c"

@@ -40,7 +40,7 @@ def test_sync_read_is_answered_in_order_of_list(make_port):
     assert [a[0] for a in ask(port, 254, 0x82, b"\x38\x02\x02\x01")] == [2, 1]
 
 
-def test_sync_write_of_manual_sets_its_goals(make_port):
+def test_sync_write_example_of_manual_sets_both_goals(make_port):
     port = make_port("STS3215", "STS3215")
     port.write(bytes.fromhex("FFFFFE0A832A0201000802FF0737"))
     port.clock.sleep_until(0.01)

@@ -81,7 +81,7 @@ def test_fault_probability_is_repeatable_with_same_seed(make_port):
     assert (first, {*first}) == (losses(), {b"", PONG})
 
 
-def test_unplug_fault_raises_and_ends(make_port):
+def test_unplug_fault_closes_port_until_it_ends(make_port):
     port = make_port("STS3215")
     port.line.faults.add(Fault("unplug", at_s=0.01, for_s=0.05))
     run(port, 0.02)

@@ -146,7 +146,7 @@ def parameters_of(query: str) -> list[object]:
     return [[s.motor.parameters for s in world.servos], mass, rails]
 
 
-def test_seeds_differ_and_no_seed_gives_nominal_parameters() -> None:
+def test_seeds_differ_and_missing_seed_means_nominal_values() -> None:
     assert parameters_of("?seed=5") == parameters_of("?seed=5")
     assert parameters_of("?seed=5") != parameters_of("?seed=6")
     motors, _, rails = parameters_of("")
@@ -171,7 +171,7 @@ def test_given_backlash_applies_to_all_servos_of_any_seed() -> None:
     assert {motor.backlash_rad for motor in motors} == {math.radians(0.3)}
 
 
-def test_d_gain_of_sts_acts_as_drawn_for_family_member() -> None:
+def test_seed_decides_whether_d_gain_of_sts_servo_acts() -> None:
     for seed in range(20):
         port = open_port(f"sim:{CONFIGS}/so101/arm.toml?seed={seed}")
         acts = [servo.drive.kd > 0.0 for servo in port.line.world.servos]

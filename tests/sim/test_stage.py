@@ -9,7 +9,7 @@ cv2 = pytest.importorskip("cv2")
 
 import servosim  # noqa: E402
 from ikservo.apps.cameras.board import Board  # noqa: E402
-from ikservo.apps.cameras.pictures import find_board  # noqa: E402
+from ikservo.apps.cameras.board_detection import find_board  # noqa: E402
 from ikservo.cli.camera_options import DEFAULT_BOARD  # noqa: E402
 from servosim.camera import SimulatedCamera, SimulatedView  # noqa: E402
 from servosim.errors import SimulatorError  # noqa: E402

@@ -109,7 +109,7 @@ class TestFeetechSdk:
         )
         assert (wrote, read) == (((0, 0), (0, 0)), ((30, 0, 0), (900, 0, 0)))
 
-    def test_vendor_sdk_sync_reads_all_positions(self, feetech):
+    def test_scservo_sdk_sync_reads_all_positions(self, feetech):
         port, packets = feetech
         group = scservo_sdk.GroupSyncRead(port, packets, 56, 2)
         for k in range(1, 7):
@@ -117,7 +117,7 @@ class TestFeetechSdk:
         assert first_reply(group.txRxPacket) == 0
         assert group.getData(1, 56, 2) == pytest.approx(2048, abs=3)
 
-    def test_vendor_sdk_follows_motion_to_its_end(self, feetech):
+    def test_scservo_sdk_follows_motion_to_its_end(self, feetech):
         port, packets = feetech
         for id_ in (1, 5):
             first_reply(packets.write1ByteTxRx, port, id_, 41, 50)
@@ -182,7 +182,7 @@ class TestDynamixelSdk:
         assert first_reply(packets.write4ByteTxRx, port, 1, 116, 5000) == (0, 4)
 
     @pytest.mark.parametrize("fast", [False, True])
-    def test_vendor_sdk_sync_reads_all_positions(self, dynamixel, fast):
+    def test_dynamixel_sdk_sync_reads_all_positions(self, dynamixel, fast):
         port, packets = dynamixel
         group = dynamixel_sdk.GroupSyncRead(port, packets, 132, 4)
         for k in range(1, 7):
@@ -211,7 +211,7 @@ class TestDynamixelSdk:
         )
         assert read == ((1, 0, 0), (77, 0, 0))
 
-    def test_vendor_sdk_follows_motion_to_its_end(self, dynamixel):
+    def test_dynamixel_sdk_follows_motion_to_its_end(self, dynamixel):
         port, packets = dynamixel
         first_reply(packets.write4ByteTxRx, port, 5, 112, 60)
         first_reply(packets.write4ByteTxRx, port, 5, 108, 10)

@@ -37,13 +37,13 @@ from ikservo.arm.opening import open_own_arm
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.guard.clear_space import ClearSpace
-from ikservo.guard.way_search import WaySearch, path_length
+from ikservo.guard.path_search import WaySearch, path_length
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import PackedBody
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from ikservo.planning import ways_around
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import MotionPlan

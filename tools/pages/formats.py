@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from ikservo.apps.page import arm_list
 from ikservo.apps.page.messages import page_messages as messages
 from ikservo.apps.page.panels import servo_bench
-from ikservo.apps.page.server import page_connection as connection
+from ikservo.apps.page.server import message_age_and_rate as connection
 from ikservo.apps.teaching import program, recording
 from ikservo.apps.teaching.program import Program
 from ikservo.apps.teaching.recording import RecordingHeader
@@ -185,7 +185,7 @@ def page_protocol_page() -> str:
 
 
 def _message(model: type[BaseModel]) -> str:
-    (kind,) = get_args(model.model_fields["kind"].annotation)
+    kinds = ", ".join(get_args(model.model_fields["kind"].annotation))
     own = [name for name in model.model_fields if name not in ("kind", "seq", "seen")]
     rows = [
         (
@@ -196,7 +196,7 @@ def _message(model: type[BaseModel]) -> str:
         for name in own
     ]
     text = (inspect.getdoc(model) or "").replace("``", "`").partition("\n\nAttributes:")
-    parts = [f"### {kind}", text[0], _attributes(text[2])]
+    parts = [f"### {kinds}", text[0], _attributes(text[2])]
     parts.append(table(["key", "type", "needed"], rows) if rows else "")
     return "\n\n".join(part for part in parts if part)
 

@@ -48,7 +48,9 @@ _MAX_SUNK_RAD = 0.1  # how far a limp arm may sink before its program begins
 _KEPT_REFUSALS = 20
 _BRAKE_TIMEOUT_S = 5.0  # braking takes 0.3 s; a busy machine is given more
 _BY_BUDGET = "--allow slow"
-_PERSON_ENDS_STOP = "A person must end the stop, on the server's page or by: ikservo mcp --approve"
+_PERSON_ENDS_STOP = (
+    "A person must end the stop on the server's page, or with: ikservo mcp --approve"
+)
 
 
 class AgentArm:
@@ -56,12 +58,6 @@ class AgentArm:
 
     The methods raise an ``IkservoError`` if something cannot be read, planned or executed, if the
     owner or a person does not allow it, or if the journal cannot be written. The arm then holds.
-
-    Attributes:
-        arm: The arm.
-        allowance: The owner's permissions.
-        plans: The plans that are waiting to be executed.
-        journal: Records each call.
     """
 
     def __init__(self, arm: Arm, allowance: Allowance, journal: AgentJournal) -> None:
@@ -147,7 +143,9 @@ class AgentArm:
         """Plan each step of a program, and offer it if all are possible."""
         program = find_part("program")(text)
         if not program.is_sequence:
-            raise RefusedError("The program is not a fixed list of motions.", "Write each motion.")
+            raise RefusedError(
+                "The program is not a fixed list of motions.", "Write out each motion as a step."
+            )
         count = len(program.steps) * program.repeat
         if count > MAX_PROGRAM_STEPS:
             expected = f"at most {MAX_PROGRAM_STEPS}"
@@ -175,7 +173,7 @@ class AgentArm:
         return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
     def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
-        """Plan a step of a program, and move the planned start to its end; return any error."""
+        """Plan a step of a program; the next step then starts at its end. Return any error."""
         preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
         try:
             if isinstance(motion, MoveGripper | Wait):
@@ -212,7 +210,7 @@ class AgentArm:
         self.journal.write("asked", plan=plan_id, client=quoted(client))
         if self.allowance.consent is Consent.NOTHING:
             raise RefusedError(
-                "The owner of the arm allows no motion.",
+                "The owner of the arm does not allow any motion.",
                 "The owner can restart the server with --allow ask.",
             )
         if offered.answer is Answer.YES:
@@ -235,7 +233,9 @@ class AgentArm:
         if offered.answer is not Answer.YES:
             raise RefusedError(f"Nobody has allowed plan {plan_id}.", "Call execute again.")
         if offered.answered_by == _BY_BUDGET and not self._budget.take(0):
-            raise RefusedError("The time in which motions need no approval is over.", "Plan again.")
+            raise RefusedError(
+                "The time during which motions need no approval has ended.", "Plan again."
+            )
         self.plans.take(plan_id)
         self.journal.write("execute", plan=plan_id, allowed_by=offered.answered_by)
         try:
@@ -361,7 +361,7 @@ def _summary(motion: MotionValue[Any], plan: MotionPlan | None) -> str:
     if plan is None:
         return ", ".join(filter(None, (words, getattr(motion, "speed", ""))))
     x, y, z = (1000.0 * plan.tip_m).tolist()
-    around = f", around: {quoted(plan.around)}" if plan.around else ""
+    around = f", by a detour, because {quoted(plan.around)}" if plan.around else ""
     return (
         f"{words}: {plan.duration_s:.1f} s, {plan.speed}, the tip ends at "
         f"x {x:.0f} mm, y {y:.0f} mm, z {z:.0f} mm{around}"

@@ -27,9 +27,6 @@ class AgentJournal:
         arm: The name of the arm, a part of the file's name.
         folder: The folder of the journals; the user's own folder if None.
 
-    Attributes:
-        path: The file.
-
     Raises:
         FileWriteError: The file cannot be created.
     """

@@ -20,7 +20,7 @@ LONGEST_SEARCH_S = 10.0
 
 
 class Consent(StrEnum):
-    """Whose consent a motion needs."""
+    """The person or permission on whose consent a motion depends."""
 
     NOTHING = "nothing"
     """Nobody: the agent reads and plans, and nothing moves."""
@@ -73,7 +73,7 @@ class Allowance:
         """
         if isinstance(motion, OwnMotion):
             raise RefusedError(
-                f"A motion of the kind {motion.kind} has no plan that a person could allow.",
+                f"A person cannot approve {motion.kind}, because it cannot be planned in advance.",
                 "Use move_to, move_line, move_joints or move_pose.",
             )
         if self.consent is Consent.SLOW:
@@ -87,12 +87,12 @@ class Allowance:
             own = getattr(motion, "within", None)
             if own is None:
                 raise RefusedError(
-                    f"A motion of the kind {motion.kind} cannot be kept in the owner's region.",
+                    f"A motion of kind {motion.kind} cannot be kept within the owner's region.",
                     "Use move_to, move_line, move_joints or move_pose.",
                 )
             if own.constrains:
                 raise RefusedError(
-                    "The owner has set the constraint of the tool.", "Leave out `within`."
+                    "The owner has already constrained the tool.", "Leave out `within`."
                 )
             changes["within"] = self.within
         return replace(motion, **changes) if changes else motion

@@ -90,7 +90,7 @@ def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
             origin = request.headers.get("origin")
             is_own = origin is None or origin.removeprefix("http://") in hosts
             if request.headers.get("host") not in hosts or not is_own:
-                return PlainTextResponse("This page can be opened on this machine only.", 403)
+                return PlainTextResponse("This page opens only on the machine that serves it.", 403)
             given = request.headers.get("authorization", "")
             if needs_key and not hmac.compare_digest(given.encode(), f"Bearer {key}".encode()):
                 return PlainTextResponse("The key in the address is wrong.", 401)
@@ -120,7 +120,7 @@ def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
         return Response(status_code=204)
 
     async def stop(_: Request) -> Response:
-        agent.stop("the button of the page", "A person")
+        agent.stop("with the button on the page", "A person")
         return Response(status_code=204)
 
     async def acknowledge(_: Request) -> Response:

@@ -23,7 +23,7 @@ def answer_in_terminal() -> None:
         IkservoError: The server has stopped.
     """
     page, _, key = stored_address().partition("#")
-    print_status("Waiting for plans of the agent. Ctrl-C ends only this command.")
+    print_status("Waiting for the agent's plans. Ctrl-C ends only this command.")
     was_stopped = ""
     while True:
         now = json.loads(_call(page, key, "plans"))

@@ -12,11 +12,11 @@ from ikservo.apps.agent.agent_journal import AgentJournal, latest_journal, read_
 from ikservo.apps.agent.allowance import Allowance, Consent
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.completion import complete_from
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, NamedServoConnection, PathOptions
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_lines, print_status
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
 from ikservo.remedies import install_command
@@ -53,7 +53,7 @@ HttpPort = Annotated[
     ),
 ]
 Listen = Annotated[
-    str, typer.Option("--listen", help="IP address of --http-port; default: this machine only.")
+    str, typer.Option("--listen", help="IP address for --http-port; default: this machine only.")
 ]
 
 

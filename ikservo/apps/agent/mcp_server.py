@@ -193,7 +193,7 @@ class ArmTools:
         A ``watched`` call moves the arm, and ends if the client stops answering.
         """
         if self._waiting >= _MAX_WAITING:
-            raise ToolError("The server is busy: too many calls wait. Call again later.")
+            raise ToolError("The server is busy with too many calls. Call again later.")
         self._waiting += 1
         results: list[T | IkservoError] = []
         try:

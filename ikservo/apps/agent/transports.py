@@ -64,7 +64,7 @@ def _serve_https(server: MCPServer[Any], listen: str, port: int) -> None:
     try:
         listening = socket.create_server((listen, port), family=family)
     except OSError as error:
-        raise PortError(f"TCP port {port} at {listen}: {error.strerror}.") from None
+        raise PortError(f"Cannot open TCP port {port} at {listen}: {error.strerror}.") from None
     port = listening.getsockname()[1]
     key = secrets.token_urlsafe(24)
     shown = f"[{listen}]" if address.version == 6 else listen

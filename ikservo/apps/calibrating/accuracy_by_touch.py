@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ikservo.apps.calibrating.by_hand_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibrate_by_hand import print_servos
 from ikservo.apps.calibrating.calibrate_touch import TouchOffOptions, make_targets
-from ikservo.apps.calibrating.calibration_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibration_session import open_torque_off
 from ikservo.apps.calibrating.kinematic_calibration import TouchPoint
 from ikservo.apps.calibrating.touch_dialogue import touch_points
@@ -36,12 +36,7 @@ def measure_by_touch(
 ) -> TouchedPoints:
     """Switch torque off and let the user put the tip on known points.
 
-    Args:
-        model: The arm.
-        port: See ``open_torque_off``.
-        points: A file of points; None for the printed sheet.
-        times: The number of touches per point.
-        operator: The user or the script that answers.
+    Without a file, the known points are those of the printed sheet.
 
     Raises:
         CalibrationError: The arm is not calibrated, or no point was touched.

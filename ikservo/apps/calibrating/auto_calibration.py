@@ -14,7 +14,7 @@ from ikservo.apps.calibrating.auto_calibration_setup import (
     configure_encoders,
     limited_context,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import measure_joint
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.apps.calibrating.range_tracker import ContactState, EndStopDetector
@@ -23,7 +23,7 @@ from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration import Limit, Limits
 from ikservo.calibration.homing import TickRange
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
-from ikservo.control.feedback import load_percent
+from ikservo.control.joint_reading import load_percent
 from ikservo.control.loop import ControlCycle
 from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import CalibrationError, RefusedError
@@ -174,7 +174,7 @@ class RangeEnd:
 
     Attributes:
         joint: The joint.
-        start: The position from which the search starts: the middle of its range.
+        start: The position from which the search starts: the middle of the joint's range.
         expected: The position of this end in the arm file.
         past: The goal of the search, beyond the expected position.
     """
@@ -238,10 +238,7 @@ def missing_stop_error(
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
     """Describe a joint with one or two ends for which no search is possible.
 
-    Args:
-        subject: The joint.
-        lower: The position of its lower stop, rad or m, or the reason why it was not searched for.
-        upper: The position of its upper stop, or the reason why it was not searched for.
+    An end is the position of its stop, rad or m, or the reason why it was not searched for.
     """
     text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))
@@ -250,7 +247,7 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
     ]
     found = [f"the other is at {text(at)}" for at, _ in ends if isinstance(at, float)]
     kept = "the limit of the arm file is" if found else "both limits of the arm file are"
-    missing = f"cannot search {', nor '.join(reasons)}; {kept} used there"
+    missing = f"cannot search {', nor '.join(reasons)}; {kept} used instead"
     return "; ".join([missing, *found]) + "."
 
 
@@ -394,7 +391,7 @@ class AutoCalibration:
     def _find_end_stop(
         self, end: RangeEnd, subject: JointUnderCalibration
     ) -> Dialogue[float | str]:
-        """Search for a joint's stop; return its position, rad or m, or the reason why not."""
+        """Search for a joint's stop; return its position, rad or m, or why there was no search."""
         names, path = self.arm.model.chain.names, list[Vector]()
         try:
             if end.joint in names:  # to a posture in which the joint can move to its end

@@ -19,7 +19,7 @@ from itertools import chain, islice
 
 import numpy as np
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import CalibrationResult, measure_joint
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.calibration import Limits
@@ -38,7 +38,7 @@ from ikservo.files.writing import remove_durably, write_atomic
 from ikservo.guard import CollisionChecker, DrivenJoint, sample_line
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.calibrated_arm import CalibratedArm, ZeroSource
 from ikservo.planning.context import ArmContext
@@ -96,13 +96,9 @@ def configure_encoders(
 
 @contextmanager
 def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> Generator[None]:
-    """Restore the registers of servos whose torque is off if the block ends without a calibration.
+    """Restore the registers of the servos if the ``with`` block ends without a calibration.
 
     If the arm holds, its torque stays on, and the user is told how to restore them.
-
-    Args:
-        loose: The servos, with the configuration read before.
-        on_status: Called with what was done, or what the user must do.
     """
     try:
         yield
@@ -186,11 +182,7 @@ _ENOUGH_M = 0.004
 
 
 class PosturePlanner:
-    """Finds collision-free postures of an arm that is not calibrated yet.
-
-    Args:
-        model: The arm.
-    """
+    """Finds collision-free postures of an arm that is not calibrated yet."""
 
     def __init__(self, model: Model) -> None:
         body = collision_body(model)
@@ -208,13 +200,9 @@ class PosturePlanner:
             self._low[column], self._high[column] = low, high
 
     def path_to_clear(self, column: int, start: float, end: float, present: Vector) -> list[Vector]:
-        """Plan the path to a posture from which a joint can move to its end.
+        """Plan a path from ``present`` (dof,) to a posture from which a joint can move to its end.
 
-        Args:
-            column: The joint's column in the chain's vectors.
-            start: The start, rad or m.
-            end: A position a little beyond the expected stop.
-            present: The present posture (dof,).
+        The end is a little beyond the expected stop, rad or m.
 
         Returns:
             Postures (dof,) in order; in the last one the joint is at its start.
@@ -234,7 +222,7 @@ class PosturePlanner:
                     return path
         distance_m, pair = nearest
         if distance_m >= 0.0:
-            raise RefusedError("no free path was found to a posture that leaves room for it")
+            raise RefusedError("no free path was found to a posture with room to search")
         raise RefusedError(f"{pair} by {-distance_m * 1e3:.0f} mm in the best posture found")
 
     def find_path(self, present: Vector, goal: Vector) -> list[Vector] | None:
@@ -279,7 +267,7 @@ class PosturePlanner:
         return best
 
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
-        """Return the smallest distance [m] on the path to an end, and the pair of parts there."""
+        """Return the smallest distance [m] of two parts on the path to an end, and these parts."""
         path = search.sample_path(posture)
         distances_m = self.space.distances(path)
         is_nearby = np.abs(path[:, search.column] - search.start) > search.clear_travel
@@ -304,13 +292,7 @@ class PosturePlanner:
 
 @dataclass(frozen=True, slots=True)
 class _JointSearch:
-    """The motion of one joint to its end, for any posture of the other joints; rad or m.
-
-    Attributes:
-        column: The joint's column in the chain's vectors.
-        start: The start.
-        end: The end.
-    """
+    """The motion of one joint to its end, for any posture of the other joints; rad or m."""
 
     column: int
     start: float
@@ -339,9 +321,6 @@ class _JointSearch:
 
 class MeasuredRanges:
     """The file of joints that an automatic calibration has measured, for one arm and adapter.
-
-    Args:
-        loose: The arm.
 
     Attributes:
         path: The file.

@@ -11,16 +11,16 @@ from ikservo.apps.calibrating.auto_calibration_setup import (
     restore_encoders,
     with_known_ranges,
 )
-from ikservo.apps.calibrating.calibrate_by_hand import print_result, print_servos
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     CalibrationOptions,
     record_ranges,
     review,
     switch_torque_off,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
+from ikservo.apps.calibrating.calibrate_by_hand import print_result, print_servos
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
-from ikservo.cli.session import second_interrupt_lowers
+from ikservo.cli.open_and_confirm import second_interrupt_lowers
 from ikservo.cli.terminal import print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.control.stop_requests import exiting_on_signals
@@ -88,7 +88,7 @@ def _offer_measured_joints(limp_arm: TorqueOffArm) -> Dialogue[MeasuredRanges]:
     if not measured.travels:
         return measured
     yield Notice(
-        f"An interrupted run of {measured.written} measured {', '.join(measured.travels)}."
+        f"An interrupted run from {measured.written} measured {', '.join(measured.travels)}."
     )
     if (
         yield Question("Use these results, and measure only the other joints?", Unasked.YES)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import typer
 
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     CalibrationOptions,
     calibrate_by_hand,
     switch_torque_off,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState, warnings
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState, warnings
 from ikservo.apps.calibrating.calibration_result import CalibrationResult
 from ikservo.apps.calibrating.calibration_session import (
     TorqueOffArm,
@@ -23,10 +23,10 @@ from ikservo.apps.calibrating.calibration_session import (
     open_torque_off,
 )
 from ikservo.calibration import Limits
-from ikservo.cli.direction_prompt import check_new_signs
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.cli.wiggle_prompt import check_new_signs
 from ikservo.errors import BadValueError, StoppedError, shown
 from ikservo.hardware.port_names import is_simulated, with_simulator_option
 from ikservo.maintenance.dialogue import ScriptedAnswers
@@ -48,7 +48,7 @@ def calibrate(
         port = with_simulator_option(port, f"pose={options.pose}&hand=calibrate")
         operator = replace(operator, script=operator.script or ScriptedAnswers(None), yes=True,
                            interactive=False)  # fmt: skip
-        print_status("A simulated hand moves the joints of the simulated arm and answers.")
+        print_status("A simulated hand moves the simulated joints and answers the questions.")
     with open_torque_off(model, port) as limp_arm:
         base = base_calibration(limp_arm, options.joints) if options.joints else None
         known = base is None or directions_confirmed(model, limp_arm.bus.port.name)
@@ -143,7 +143,7 @@ def print_result(
     print_lines([f"Saved to {path}"])
     if is_simulated(calibration.usb_serial_number):
         print_status(
-            "This simulated arm has ended; the next one has the zeros and signs of the arm file."
+            "The simulation ended; the next simulated arm uses the arm file's zeros and signs."
         )
     else:
         print_status(f"Check it: ikservo where --arm {calibration.arm}")

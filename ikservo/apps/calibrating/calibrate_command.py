@@ -8,18 +8,18 @@ from typing import Annotated
 import typer
 
 from ikservo.app_discovery import find_part
+from ikservo.apps.calibrating.by_hand_dialogue import CalibrationOptions, read_script
 from ikservo.apps.calibrating.calibrate_auto import calibrate_auto
 from ikservo.apps.calibrating.calibrate_by_hand import calibrate, parse_limits
 from ikservo.apps.calibrating.calibrate_touch import TouchOffOptions, run_touch_off
-from ikservo.apps.calibrating.calibration_dialogue import CalibrationOptions, read_script
 from ikservo.apps.calibrating.touch_dialogue import read_touch_script
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.camera_options import CameraOptions
-from ikservo.cli.direction_prompt import check_directions
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import JsonOption, MotionOptions, NamedServoConnection, UncalibratedOption
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal_dialogue import AnswerOptions
+from ikservo.cli.wiggle_prompt import check_directions
 from ikservo.errors import InputError
 
 Pose = Annotated[
@@ -50,7 +50,9 @@ OnlyJoint = Annotated[
 OwnLimit = Annotated[
     list[str] | None,
     typer.Option(
-        "--limit", metavar="JOINT=LOW:HIGH", help="Narrower range of your choice for a joint."
+        "--limit",
+        metavar="JOINT=LOW:HIGH",
+        help="Range of a joint, narrower than the measured one.",
     ),
 ]
 WriteLimits = Annotated[
@@ -129,7 +131,9 @@ def command(
                 "--from-pictures cannot be given with other camera options.", "Leave those out."
             )
         if auto or touch or wiggle or joint:
-            raise InputError("--from-pictures moves nothing.", "Leave out the other procedures.")
+            raise InputError(
+                "--from-pictures does not move the arm.", "Leave out the other procedures."
+            )
         model = model_from_option(connection.arm)
         operator = answers.operator(read_script)
         from_pictures = find_part("calibrate --from-pictures")

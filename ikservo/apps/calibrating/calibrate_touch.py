@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from ikservo.apps.calibrating.by_hand_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibrate_by_hand import print_servos, reporting_unchanged_state
-from ikservo.apps.calibrating.calibration_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibration_session import find_lost_camera, open_torque_off
 from ikservo.apps.calibrating.touch_dialogue import estimate_fields, estimate_geometry
 from ikservo.apps.calibrating.touch_off import TouchOffSession

@@ -9,10 +9,12 @@ from typing import Annotated
 
 import typer
 
-from ikservo.apps.calibrating.calibration_dialogue import switch_torque_off
+from ikservo.app_discovery import find_part
+from ikservo.apps.calibrating.by_hand_dialogue import switch_torque_off
 from ikservo.apps.calibrating.calibration_session import (
     TorqueOffArm,
     adopt_calibration,
+    check_adoptable,
     find_adoptable,
     open_torque_off,
     pull_calibration,
@@ -20,13 +22,10 @@ from ikservo.apps.calibrating.calibration_session import (
     register_differences,
 )
 from ikservo.apps.calibrating.calibration_table import COLUMNS, calibration_row
-from ikservo.apps.calibrating.recorded_calibration import (
-    check_adoptable,
-    read_recorded_calibration,
-)
 from ikservo.arm.opening import resolve_port
 from ikservo.calibration.calibration_file import (
     load_calibration_file,
+    parse_calibration,
     restore_calibration,
     undo_calibration,
 )
@@ -228,7 +227,7 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
         CalibrationError: The calibration does not fit the servos, or none is attached.
         FileFormatError: The file cannot be read.
     """
-    calibration = read_recorded_calibration(path)
+    calibration = _read_recorded(path)
     with open_torque_off(model, port) as limp_arm:
         check_adoptable(limp_arm, path, calibration)
         saved = _confirm_adoption(limp_arm, path, calibration, yes=yes)
@@ -237,6 +236,23 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
     else:
         print_lines([f"Saved to {saved}"])
     print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
+
+
+def _read_recorded(path: Path) -> Calibration:
+    """Read the calibration that is attached to a recording.
+
+    Raises:
+        CalibrationError: No calibration is attached.
+        FileFormatError: The file is not an MCAP file, or the calibration is malformed.
+    """
+    text: str | None = find_part("import recording")(path)
+    if text is None:
+        raise CalibrationError(
+            f"No calibration is attached to {path}.",
+            "A calibration is attached when a calibrated arm is recorded as MCAP: ikservo "
+            "record FILE.mcap",
+        )
+    return parse_calibration(path, text)
 
 
 def _confirm_adoption(

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState, is_full_turn
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState, is_full_turn
 from ikservo.calibration.homing import MAX_X_OFFSET, Homing, TickRange, choose_homing
 from ikservo.calibration.joint_limits import Limits
 from ikservo.calibration.joint_map import JointMap, encoder_of, unwrap_near, wrapped_difference
@@ -74,7 +74,7 @@ class MeasuredJoint:
 
 
 def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
-    """Return the sign, zero and travel of a joint, in bare ticks.
+    """Return the sign, zero and travel of a joint, in bare ticks (without homing offset).
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
@@ -100,7 +100,7 @@ def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: flo
         shift = unwrap_near(round(anchor), middle, subject.ticks_per_turn) - middle
     if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
         raise CalibrationError(
-            f"{subject.name}: the pose of the arm is outside the imported range.",
+            f"{subject.name}: its present position is outside the imported range.",
             "Check that the arm is in the pose and that the file belongs to this arm. Or: "
             "ikservo calibrate",
         )
@@ -144,12 +144,7 @@ def build_calibration(
 ) -> CalibrationResult:
     """Compute the calibration from a procedure that has reached its review.
 
-    Args:
-        state: The procedure.
-        configs: The configuration of every servo, by id.
-        metadata: Further data of the file.
-        write_limits: Whether limits are also written to the servos.
-        user: Limits set by the user, by joint.
+    ``configs`` are the servos' present settings by id; ``user`` are the limits that the user set.
 
     Raises:
         CalibrationError: A joint travels a revolution or more, or its range is empty.
@@ -196,7 +191,7 @@ def _apply_homing(
     )
     if homing.extended and subject.shadow_ids:
         raise CalibrationError(
-            f"{subject.name}: its travel crosses the encoder's wrap-around of servo "
+            f"{subject.name}: its travel crosses the encoder wrap-around of servo "
             f"{subject.servo_id}; two servos on one joint cannot both use multi-turn mode.",
             "Remount its horns so that the middle of the joint is near tick 2048.",
         )
@@ -225,7 +220,7 @@ def _choose_offsets(
             or travel.high - offset >= subject.ticks_per_turn
         ):
             raise CalibrationError(
-                f"Servo {shadow_id} of {subject.name} is {offset} ticks off servo "
+                f"Servo {shadow_id} of {subject.name} is {offset} ticks away from servo "
                 f"{subject.servo_id}; a homing offset corrects at most {MAX_X_OFFSET}.",
                 f"Remount the horn of servo {shadow_id} so that both servos report nearly the "
                 "same position.",
@@ -296,9 +291,10 @@ class ShiftedZero:
     def __str__(self) -> str:
         format_position, expected = self.subject.joint_map.format, self.subject.expected
         return (
-            f"{self.subject.name}: swept {' to '.join(map(format_position, self.ends))}, arm file "
-            f"{format_position(expected.lower.value)} to {format_position(expected.upper.value)}: "
-            f"the zero seems to be off by {format_position(abs(self.shift))}."
+            f"{self.subject.name} was swept from {' to '.join(map(format_position, self.ends))}, "
+            f"not {format_position(expected.lower.value)} to "
+            f"{format_position(expected.upper.value)} as in the arm file; the zero seems to be "
+            f"off by {format_position(abs(self.shift))}."
         )
 
 

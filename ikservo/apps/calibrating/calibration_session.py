@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import (
     CalibrationMetadata,
     CalibrationResult,
@@ -228,10 +228,7 @@ def open_torque_off(
 ) -> Generator[TorqueOffArm]:
     """Open an arm for calibration; torque is not changed, and a signal waits for a running write.
 
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        settled: Whether an interrupted write is recovered first.
+    An interrupted write is recovered first if the arm is to be ``settled``.
 
     Raises:
         PortError: There is no port, or it cannot be opened.
@@ -255,7 +252,9 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
     calibration = load_calibration(name, loose.serial_number)
     if calibration is None:
         others = calibrations_of(name)
-        adopt = f" Or adopt the calibration of another adapter: ikservo calibration adopt {name}"
+        adopt = (
+            f" Or adopt the calibration made with another adapter: ikservo calibration adopt {name}"
+        )
         raise CalibrationError(
             f"{name} is not calibrated: there is no {loose.path}.",
             f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
@@ -273,8 +272,8 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
     for name, camera in before.cameras_by_name.items():
         named = f" --camera-name {name}" if name else ""
         yield (
-            f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
-            f"lost with them. Calibrate it again: ikservo calibrate {before.arm} "
+            f"The camera calibration from {camera.seen:%Y-%m-%d} used the old zeros and is "
+            f"lost with them. Calibrate the camera again: ikservo calibrate {before.arm} "
             f"--camera {public_source(camera.source)}{named}"
         )
 
@@ -371,9 +370,7 @@ def _with_registers(servo: CalibratedServo, facts: Mapping[int, ServoConfig]) ->
 def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path, Calibration]:
     """Find the calibration that matches the servos on this bus; return its path and content.
 
-    Args:
-        loose: The arm.
-        path: The file; None searches the files of this arm on other adapters.
+    Without a path, the files of this arm on other adapters are searched.
 
     Raises:
         CalibrationError: No calibration fits, or several do.
@@ -390,9 +387,23 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
         raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
     reasons = " ".join(f"{p}: {reason}" for p, reason in mismatches.items())
     raise CalibrationError(
-        f"No calibration of another adapter fits this arm. {reasons}".rstrip(),
+        f"No calibration made with another adapter fits this arm. {reasons}".rstrip(),
         f"Calibrate it: ikservo calibrate {loose.model.name}",
     )
+
+
+def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -> None:
+    """Check that a calibration matches the servos on this bus.
+
+    Raises:
+        CalibrationError: The calibration does not match; the message says why.
+    """
+    reason = next(find_mismatches(loose, calibration), "")
+    if reason:
+        raise CalibrationError(
+            f"The calibration in {path} does not fit this arm. {reason}",
+            f"Calibrate it: ikservo calibrate {loose.model.name}",
+        )
 
 
 def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:

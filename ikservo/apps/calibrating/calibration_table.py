@@ -32,7 +32,7 @@ def difference_lines(new: Calibration, old: Calibration) -> Iterator[str]:
             continue
         named = {"zero": _zero, "sign": _sign, "range": _range}
         changed = [
-            f"{name} was {text(before)}, is {text(joint)}"
+            f"{name} was {text(before)}, is now {text(joint)}"
             for name, text in named.items()
             if text(before) != text(joint)
         ]

@@ -10,20 +10,20 @@ from typing import Annotated
 
 import typer
 
-from ikservo.apps.calibrating.calibrate_by_hand import (
-    print_result,
-    print_servos,
-    reporting_unchanged_state,
-)
-from ikservo.apps.calibrating.calibrate_command import Margin, Pose
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     check_zeros,
     confirm_saving,
     read_script,
     record_ranges,
     switch_torque_off,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
+from ikservo.apps.calibrating.calibrate_by_hand import (
+    print_result,
+    print_servos,
+    reporting_unchanged_state,
+)
+from ikservo.apps.calibrating.calibrate_command import Margin, Pose
 from ikservo.apps.calibrating.calibration_result import CalibrationResult
 from ikservo.apps.calibrating.calibration_session import (
     TorqueOffArm,

@@ -82,13 +82,8 @@ def select_and_fit(
     """Select the parameters that touches identify, and fit them.
 
     Every touch is held out once while the others are fitted, for each set from zeros alone to the
-    whole arm. The set with the smallest held-out error is selected and fitted to all touches.
-
-    Args:
-        chain: The arm as described.
-        touches: The touches.
-        present: The arm with its present calibration, if that differs from the description; the new
-            fit must have a smaller error.
+    whole arm. The set with the smallest held-out error is selected and fitted to all touches. The
+    new fit must have a smaller error than ``present``, the arm with its calibration so far.
 
     Raises:
         CalibrationError: Too few touches, or a third of them contradict the others.

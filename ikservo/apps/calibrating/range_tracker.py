@@ -13,6 +13,12 @@ from enum import Enum
 from ikservo.calibration.joint_map import unwrap
 from ikservo.control.stillness import StillnessDetector
 
+SWEEP_UNCHANGED_S = 1.0
+"""Time without a new extreme after which a sweep with complete ranges ends [s]."""
+
+NARROW_SWEEP_UNCHANGED_S = 4.0
+"""The same time if ranges are narrower than in the arm file [s]."""
+
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
 _MAX_STEP = 1024
@@ -21,7 +27,7 @@ _MAX_TURNS_PER_S = 1.6  # fastest motion by hand: 10 rad/s
 
 @dataclass(frozen=True, slots=True)
 class RangeTracker:
-    """The position and range of a servo, in unwrapped bare ticks.
+    """The position and range of a servo, in unwrapped bare ticks (without homing offset).
 
     Attributes:
         ticks_per_turn: Ticks of a revolution, or 0 for a sensor that does not wrap around.
@@ -106,7 +112,8 @@ class EndStopDetector:
         min_lag_rad: The smallest lag behind the goal at which the joint counts as blocked.
         contact: The state of the joint.
         blocked: Whether the joint has stood still long enough to be at a stop.
-        idle: Whether the joint has stood still so long that, without load, nothing holds it.
+        idle: Whether the joint has stood still so long that a small load shows that nothing blocks
+            it.
     """
 
     max_load_percent: float
@@ -130,14 +137,7 @@ class EndStopDetector:
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
     ) -> EndStopDetector:
-        """Add a sample of position and load.
-
-        Args:
-            at_s: The time.
-            at_rad: The position of the horn.
-            goal_rad: The goal of the horn.
-            load_percent: The load that the servo reports; the sign is ignored.
-        """
+        """Add a sample of the horn: its position, its goal, and its load, whose sign is ignored."""
         updated = self.update(at_s, at_rad)
         if not self.may_be_blocked(at_s, at_rad, goal_rad):
             return updated

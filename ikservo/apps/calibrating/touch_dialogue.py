@@ -49,10 +49,7 @@ def touch_points(
 ) -> Dialogue[TouchOffState]:
     """Record touches until the user asks for their evaluation.
 
-    Args:
-        limp_arm: The arm, torque off.
-        state: The touch-off at its first point.
-        kept: Receives each touch; if given, the dialogue ends without evaluation.
+    If ``kept`` is given, it receives each touch, and the dialogue ends without evaluation.
 
     Raises:
         BusError: The servos stopped replying.

@@ -69,7 +69,7 @@ def place_sheet(
         model: The arm; the direction of its tool in the pose ``home`` is straight ahead.
         edge_m: Distance straight ahead from the arm's base frame to the near edge; None puts the
             middle of the sheet beneath the tool.
-        block_m: The height of a block that stands on every other cross; None without one.
+        block_m: The height of a block that stands on every other cross; None without blocks.
 
     Returns:
         The distance of the near edge [m], and the targets in the order of touching.

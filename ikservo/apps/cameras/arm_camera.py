@@ -9,10 +9,10 @@ import numpy as np
 
 from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.board_detection import Intrinsics, Picture, PictureSource
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.camera_sources import open_source
-from ikservo.apps.cameras.pictures import Intrinsics, Picture, PictureSource
 from ikservo.arguments import parse_number
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.opening import require_own_port
@@ -274,7 +274,7 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(
-            "The line of sight does not meet the table there.",
+            "The pixel's line of sight does not meet the table.",
             "Choose a pixel that shows the table.",
         )
     return SeenPoint(ray.at(distance_m), name)
@@ -284,7 +284,7 @@ def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> Calibrati
     """Return the error for pictures whose size differs from that in the calibration."""
     seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
     return CalibrationError(
-        f"The pictures are {seen}; the camera was calibrated with {known}.",
+        f"The pictures have {seen} pixels; the camera was calibrated with {known}.",
         "Use the camera that was calibrated.",
     )
 

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from ikservo.apps.cameras.board_detection import Picture
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import Picture
 from ikservo.errors import BadValueError, InputError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import rotation_rpy
@@ -74,7 +74,7 @@ def find_block_at(
     ray, blocks = model.ray(u, v), find_blocks(model, picture, table_m)
     nearest = min(blocks, key=lambda each: ray.distance_to_thing_m(each.row), default=None)
     if nearest is None or not math.isfinite(ray.distance_to_thing_m(nearest.row)):
-        raise InputError("No coloured block stands there.", "Choose the middle of a block.")
+        raise InputError("The pixel shows no coloured block.", "Choose the middle of a block.")
     return nearest
 
 

@@ -11,6 +11,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ikservo.apps.cameras.board import Board, require_opencv
+from ikservo.apps.cameras.board_detection import find_board
+from ikservo.apps.cameras.camera_and_arm_fit import MIN_SAMPLES
 from ikservo.apps.cameras.camera_by_hand import HandCalibration
 from ikservo.apps.cameras.camera_calibration import (
     ESTIMATING,
@@ -25,14 +27,12 @@ from ikservo.apps.cameras.camera_command import (
     check_camera_name,
     open_camera,
 )
-from ikservo.apps.cameras.estimation import MIN_SAMPLES
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, read_pictures
-from ikservo.apps.cameras.pictures import find_board
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration.paths import pictures_path
 from ikservo.cli.camera_options import CameraOptions
+from ikservo.cli.open_and_confirm import open_from_options, second_interrupt_lowers
 from ikservo.cli.options import MotionOptions, NamedServoConnection
-from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.control.stop_requests import exiting_on_signals
@@ -66,9 +66,9 @@ def calibrate_by_camera(
             "middle of its picture. "
             + (
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
-                "second in about as many postures as pictures are asked for."
+                "second in many postures, about one for each picture requested."
                 if options.by_hand
-                else "The arm will then show the board from everywhere within reach."
+                else "The arm will then show the board to the camera from all over its reach."
             )
         )
         if not operator.agrees(Question("Begin?", Unasked.ERROR)):
@@ -99,10 +99,8 @@ def calibrate_by_camera(
 def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]:
     """Tell the user how to go on if the calibration ends early.
 
-    Args:
-        folder: The folder of the pictures, which is kept if they suffice for a calibration.
-        arm: The name of the arm.
-        chosen: Whether the user named the folder, which is then kept if it has a picture.
+    The folder is kept if its pictures suffice for a calibration or, if the user has ``chosen`` it,
+    if it has a picture.
     """
     try:
         with exiting_on_signals():  # also while no motion runs
@@ -170,7 +168,7 @@ def _tell_and_save(
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
             print_status(
-                "The board faces the camera in the start pose: check the camera with this --port."
+                "In the start pose the board faces the camera: check it with the same --port."
             )
         else:
             undo = f"ikservo calibration undo {before.model.name}"

@@ -8,6 +8,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.board_detection import (
+    SAME_PICTURE,
+    BoardView,
+    Picture,
+    PictureSource,
+    find_board,
+)
+from ikservo.apps.cameras.camera_and_arm_fit import Extent
 from ikservo.apps.cameras.camera_calibration import (
     ESTIMATING,
     HAND_EXTENTS,
@@ -17,15 +25,7 @@ from ikservo.apps.cameras.camera_calibration import (
     CameraResult,
     measured_joints,
 )
-from ikservo.apps.cameras.estimation import Extent
 from ikservo.apps.cameras.picture_folder import PictureFolder
-from ikservo.apps.cameras.pictures import (
-    SAME_PICTURE,
-    BoardView,
-    Picture,
-    PictureSource,
-    find_board,
-)
 from ikservo.arm.arm import Arm
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, PictureError
@@ -116,7 +116,9 @@ class HandCalibration:
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""
-        self._report(f"picture {len(self._pictures)} of {self._count}: move on")
+        self._report(
+            f"picture {len(self._pictures)} of {self._count} taken: move the arm to another posture"
+        )
         return True
 
     def _limp_joints(self) -> Vector:

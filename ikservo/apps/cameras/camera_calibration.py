@@ -12,17 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
-from ikservo.apps.cameras.estimation import (
-    BoardSample,
-    CameraEstimate,
-    CameraFit,
-    Extent,
-    estimate_camera,
-    fit_camera,
-)
-from ikservo.apps.cameras.picture_folder import PictureFolder
-from ikservo.apps.cameras.pictures import (
+from ikservo.apps.cameras.board_detection import (
     SAME_PICTURE,
     BoardView,
     Intrinsics,
@@ -32,6 +22,16 @@ from ikservo.apps.cameras.pictures import (
     find_board,
     guess_intrinsics,
 )
+from ikservo.apps.cameras.camera_and_arm_fit import (
+    BoardSample,
+    CameraEstimate,
+    CameraFit,
+    Extent,
+    estimate_camera,
+    fit_camera,
+)
+from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
+from ikservo.apps.cameras.picture_folder import PictureFolder
 from ikservo.apps.cameras.pose_choice import choose_postures, is_visible
 from ikservo.arm.arm import Arm
 from ikservo.calibration import JointMap
@@ -40,7 +40,7 @@ from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
 from ikservo.errors import CalibrationError, PictureError, RefusedError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import log_so3
@@ -106,12 +106,7 @@ class CameraResult:
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """An arm as it was before the pictures were taken.
-
-    Attributes:
-        model: The arm file's model.
-        calibration: The calibration with which its joints are measured; None for a simulated arm.
-    """
+    """An arm as it was before the pictures were taken; if simulated, without calibration."""
 
     model: Model
     calibration: Calibration | None
@@ -136,7 +131,7 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return the parameters that a camera may estimate: only its own pose if there are others.
+        """Return the parameters to estimate: only the camera's own pose if there are other cameras.
 
         The other cameras were calibrated with the arm's present zeros and compliances. A hand
         carries the arm's weight, so a calibration by hand does not show how links bend.
@@ -159,13 +154,7 @@ class ArmBefore:
 
 
 class BoardPictures:
-    """Views of a board on the gripper, with the measured joints of each.
-
-    Args:
-        arm: The arm.
-        board: The board on the gripper.
-        folder: The folder in which to keep the pictures; None to keep none.
-    """
+    """Views of a board on the gripper, with the measured joints of each, kept in a folder."""
 
     def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
         self.board, self.views, self.joints = board, list[BoardView](), list[Vector]()
@@ -184,8 +173,8 @@ class BoardPictures:
         """
         if self.views and view.size != self.views[0].size:
             now, first = ("{} x {}".format(*each.size) for each in (view, self.views[0]))
-            hint = "Restore the camera's setting, or start again."
-            raise PictureError(f"The picture is {now}, but the first one was {first}.", hint)
+            hint = "Restore the camera's resolution, or start again."
+            raise PictureError(f"The picture has {now} pixels, the first one had {first}.", hint)
         if self._folder is not None:
             self._folder.add(picture, q)
         self.views.append(view)
@@ -217,12 +206,8 @@ class BoardPictures:
     ) -> CameraResult:
         """Estimate camera and arm; see ``CameraResult``.
 
-        Args:
-            missed: Number of pictures in which the board was not seen.
-            duration_s: Time from the first picture to the last.
-            extents: The parameters that may be estimated.
-            by_hand: Whether the user held the arm. Several fractions of its weight are then tried;
-                the one that best predicts left-out pictures is used.
+        ``missed`` pictures do not show the board. If the user held the arm (``by_hand``), several
+        fractions of its weight are tried; the one that best predicts left-out pictures is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.

@@ -9,10 +9,10 @@ import numpy as np
 
 from ikservo.apps.cameras.arm_camera import camera_key, camera_model, known_camera, size_error
 from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.board_detection import BoardView, PictureSource, board_pose, find_board
 from ikservo.apps.cameras.camera_calibration import seen_board
 from ikservo.apps.cameras.camera_file import CameraCheck, CameraFile, save_camera
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import BoardView, PictureSource, board_pose, find_board
 from ikservo.arm.arm import Arm
 from ikservo.calibration.records import CalibratedCamera, SeenBoard
 from ikservo.errors import CalibrationError, PictureError
@@ -27,10 +27,6 @@ _LOOKS = 5
 
 class BoardPlace:
     """The place of the board for a check: remembered on the table, or on the gripper.
-
-    Args:
-        camera: The camera.
-        known: Other known facts about the camera.
 
     Raises:
         CalibrationError: The calibration does not say where the board was.
@@ -73,12 +69,7 @@ def check_camera(
 ) -> tuple[CameraCheck, BoardPlace]:
     """Measure the board, and save whether the camera has moved; the arm does not move.
 
-    Args:
-        arm: The arm in front of the camera.
-        source: The camera.
-        now: The time of the check.
-        within_mm: The largest accepted shift of the board; None for the error of the calibration.
-        name: The camera name; see ``known_camera``.
+    ``within_mm`` is the largest accepted shift; None: the error of the calibration.
 
     Raises:
         UnknownNameError: The arm has no camera of that name.
@@ -128,15 +119,9 @@ def compare_place(
     now: datetime,
     within_mm: float | None = None,
 ) -> CameraCheck:
-    """Compare the observed place of a board with its known place.
+    """Compare the observed place of a board with its known one, from the tip pose (4, 4).
 
-    Args:
-        model: The camera with its calibrated pose.
-        place: The place of the board.
-        T_base_tip: The pose of the tip (4, 4).
-        view: The board in a picture.
-        now: The time of the picture.
-        within_mm: See ``check_camera``.
+    See ``check_camera`` for ``within_mm``.
 
     Raises:
         CalibrationError: The board cannot be measured, or the picture has another size.

@@ -20,7 +20,7 @@ from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
 
 if TYPE_CHECKING:
-    from ikservo.apps.cameras.pictures import PictureSource
+    from ikservo.apps.cameras.board_detection import PictureSource
     from ikservo.arm.arm import Arm
 
 __all__ = ["BoardOption", "CameraNameOption", "check_camera_name", "command", "open_camera"]
@@ -119,9 +119,7 @@ def command(
     for name, is_given in given.items():
         if is_given and name not in ACTIONS[action]:
             its = " and ".join(each for each, options in ACTIONS.items() if name in options)
-            raise InputError(
-                f"{name} cannot be given for {action}.", f"It is an option of {its} only."
-            )
+            raise InputError(f"{name} cannot be given for {action}.", f"It only applies to {its}.")
     if action == "board":
         path = file or Path("board.pdf")
         if path.exists() and not overwrite:
@@ -131,11 +129,11 @@ def command(
     arm = (file and str(file)) or os.environ.get("IKSERVO_ARM")
     if action == "tip":
         if not at:
-            raise InputError("The pixel of the tip is not given.", "Add its pixel: --at 512,300")
+            raise InputError("No pixel of the tip was given.", "Add its pixel: --at 512,300")
         _set_tip_zero(arm, port, [_parse_pixel(each) for each in at], camera_name, json=json)
         return
     if camera is None:
-        raise InputError("The camera is not given.", "Add: --camera 0")
+        raise InputError("No camera was given.", "Add: --camera 0")
     if within is not None and not 0.0 < within < 1.0:
         raise BadValueError("--within", within, "a length above 0 and below 1 m")
     _check(arm, port, camera, camera_name, Board.named(board), within,
@@ -169,8 +167,8 @@ def _check(
 ) -> None:
     from ikservo.apps.cameras.camera_check import remember_board  # noqa: PLC0415
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
+    from ikservo.cli.open_and_confirm import open_from_options  # noqa: PLC0415
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
-    from ikservo.cli.session import open_from_options  # noqa: PLC0415
 
     with open_from_options(ArmConnection(arm=arm, port=port)) as machine:
         opened = require_own_port(machine)
@@ -232,8 +230,9 @@ def _compare(
         where = "on the table" if place.on_table else "on the gripper"
         moved = "has moved" if check.has_moved else "has not moved"
         print_lines([
-            f"The camera {moved}. By the board {where}, its pose is off by {check.moved_mm:.1f} mm "
-            f"and {check.turned_deg:.2f}°; the board appears {check.off_mm:.1f} mm from its place."
+            f"The camera {moved}. Judged by the board {where}, it is off by {check.moved_mm:.1f} "
+            f"mm and {check.turned_deg:.2f}°; the board appears {check.off_mm:.1f} mm from "
+            "its place."
         ])  # fmt: skip
     if check.has_moved:
         print_status("Put the camera back and check again, or calibrate again.")
@@ -258,8 +257,8 @@ def _set_tip_zero(
 ) -> None:
     from ikservo.apps.cameras.tip_click import find_tip_zero, save_tip_zero  # noqa: PLC0415
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
+    from ikservo.cli.open_and_confirm import open_from_options  # noqa: PLC0415
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
-    from ikservo.cli.session import open_from_options  # noqa: PLC0415
 
     with open_from_options(ArmConnection(arm=name, port=port)) as machine:
         arm, now = require_own_port(machine), datetime.now(UTC).replace(microsecond=0)

@@ -39,9 +39,11 @@ class CameraFile(StrictModel):
     format: Literal[1] = Field(default=1, description="1")
     calibrated: datetime = Field(description="when the camera was calibrated")
     check: CameraCheck | None = Field(default=None, description="a table [check]")
-    board: SeenBoard | None = Field(default=None, description="a table [board]: on the table")
+    board: SeenBoard | None = Field(
+        default=None, description="a table [board], of a board that lies on the table"
+    )
     camera: CalibratedCamera | None = Field(
-        default=None, description="a table [camera], of a simulated arm: it has no calibration"
+        default=None, description="a table [camera], for a simulated arm, which has no calibration"
     )
 
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.apps.cameras.pictures import Intrinsics
+from ikservo.apps.cameras.board_detection import Intrinsics
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.rays import Ray

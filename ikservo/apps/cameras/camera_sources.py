@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from typing import cast
 
 from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.pictures import LiveCamera, PictureSource
+from ikservo.apps.cameras.board_detection import LiveCamera, PictureSource
 from ikservo.errors import InputError
 from ikservo.remedies import install_hint
 
@@ -18,10 +18,7 @@ _GROUP = "ikservo.cameras"
 def open_source(source: str, transport: object, board: Board) -> PictureSource:
     """Open a camera.
 
-    Args:
-        source: The number, device or address; ``sim`` for the camera of a simulated arm.
-        transport: The transport of the arm's port.
-        board: The board in front of a simulated camera.
+    The source is a number, a device, an address, or ``sim`` for the camera of a simulated arm.
 
     Raises:
         InputError: OpenCV is not installed, or there is no such camera.

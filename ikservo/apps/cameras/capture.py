@@ -117,7 +117,7 @@ class AddressCapture:
             self._reader.wait()
 
     def _ask(self, request: bytes) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Return the answer to a request; a process that has ended returns no picture."""
+        """Send a request to the reading process; return its answer (no picture if it has ended)."""
         try:
             self._requests.write(request)
             self._requests.flush()
@@ -139,7 +139,7 @@ def _silent_opencv() -> ModuleType:
 
 
 def _serve_pictures() -> None:
-    """Answer the requests of an ``AddressCapture`` until that closes its end of the pipe."""
+    """Answer the requests of an ``AddressCapture`` until it closes its end of the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the process that asks
     cv2 = _silent_opencv()
     source = sys.stdin.buffer.readline().decode().rstrip("\n")

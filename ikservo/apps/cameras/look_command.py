@@ -10,6 +10,7 @@ import typer
 from ikservo.apps.cameras.camera_command import CameraNameOption
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     MotionOptions,
     PathOptions,
@@ -19,7 +20,6 @@ from ikservo.cli.options import (
     ToolOptions,
 )
 from ikservo.cli.quantities import parse_length_m, parse_pixels
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import InputError, format_point
 from ikservo.planning.motions import MoveTo
@@ -44,7 +44,7 @@ Camera = Annotated[
         help="The camera, as in its calibration: a number, a device or an address.",
     ),
 ]
-Move = Annotated[bool, typer.Option("--move", help="Move the tip there.")]
+Move = Annotated[bool, typer.Option("--move", help="Move the tip to that point.")]
 
 
 def command(

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import Field, ValidationError
 
-from ikservo.apps.cameras.pictures import Picture
+from ikservo.apps.cameras.board_detection import Picture
 from ikservo.calibration.calibration_file import dump_calibration, read_calibration
 from ikservo.calibration.records import Calibration, Name, Text
 from ikservo.errors import FileFormatError, InputError
@@ -106,13 +106,7 @@ class PictureFolder:
 
 @dataclass(frozen=True, slots=True)
 class SavedPictures:
-    """The content of a folder of pictures.
-
-    Attributes:
-        folder: The folder of the pictures.
-        index: The description of the pictures.
-        calibration: The calibration with which the joints were measured; None for a simulated arm.
-    """
+    """The content of a folder of pictures; pictures of a simulated arm have no calibration."""
 
     folder: Path
     index: PictureIndex

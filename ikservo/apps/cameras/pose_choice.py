@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.estimation import BoardSample, CameraFit, picture_information
-from ikservo.apps.cameras.pictures import Intrinsics, lens_terms
+from ikservo.apps.cameras.board_detection import Intrinsics, lens_terms
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, CameraFit, picture_information
 from ikservo.kinematics.arrays import Matrix
 
 _MAX_TILT_RAD = math.radians(50.0)
@@ -53,15 +53,8 @@ def choose_postures(
     """Choose postures one by one, each the most informative after the previous ones.
 
     The most informative posture increases the determinant of the information about camera, lens,
-    board, zeros and compliances the most (D-optimality; Fedorov 1972).
-
-    Args:
-        board: The board on the gripper.
-        fit: The present estimate of camera and arm.
-        intrinsics: The present estimate of the camera's intrinsics.
-        candidates: Postures (n, dof) from which to choose.
-        done: Postures (m, dof) of the existing pictures.
-        count: The number of postures to choose.
+    board, zeros and compliances the most (D-optimality; Fedorov 1972). Postures are rows:
+    candidates (n, dof), and existing pictures in ``done`` (m, dof).
 
     Returns:
         The indices of the chosen candidates.

@@ -1,9 +1,9 @@
 """The zero of the last joint from clicks on the tip in the picture of a calibrated camera.
 
-Pictures of a board on the gripper cannot distinguish that zero from the mount of the board; the
-tip can. The zero moves the tip along an arc in the picture; the point on the arc nearest to the
-click is used. Clicks are stored with the camera, and their mean is used, because click errors
-average out. The error of the camera does not.
+Pictures of a board on the gripper cannot distinguish this zero from the angle at which the board
+is mounted; pictures of the tip can. Each value of the zero puts the tip at another point of an arc
+in the picture; the point nearest to the click is used. Clicks are stored with the camera, and their
+mean is used, because click errors average out. The error of the camera does not.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ class TipZero:
 
     Attributes:
         joint: The last joint.
-        shift_rad: The true minus the measured joint angle.
+        shift_rad: The correction of the joint: its true angle minus its measured angle.
         off_m: The distance of the last click from the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
         others_deg: The deviation of each click from the mean, the latest ones last.
         counts: Whether each click is used; a click too far from two or more others is not.
-        are_apart: Whether only two clicks are used, and these are too far apart for their errors.
+        are_apart: Whether there are only two clicks, further apart than click errors explain.
         error_deg: The standard error of the zero.
         error_m: The remaining standard error of the tip.
         advice: Advice on where to click next; empty if another click is not useful.
@@ -81,8 +81,8 @@ class TipZero:
         count, clicks = sum(self.counts), len(self.counts)
         of = "1 click" if clicks == 1 else f"{count} of {clicks} clicks"
         said = [
-            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from its measured angle, by "
-            f"{of}; standard error {self.error_deg:.2f}°, {1000.0 * self.error_m:.1f}"
+            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from its measured angle, "
+            f"according to {of}; standard error {self.error_deg:.2f}°, {1000.0 * self.error_m:.1f}"
             f" mm at the tip. The corrected tip is {1000.0 * self.off_m:.1f} mm from the click."
         ]
         said += [
@@ -121,8 +121,8 @@ def find_tip_zero(
     Raises:
         BadValueError: A pixel is not in the picture.
         CalibrationError: The arm has no such calibrated camera, the camera has moved, the
-            calibration has determined that zero or has changed since the arm was opened, the zero
-            is hardly visible, the arm is moving, or no plausible zero fits a click.
+            calibration already determines this zero or has changed since the arm was opened, the
+            zero is hardly visible, the arm is moving, or no plausible zero fits a click.
     """
     camera, _, name = known_camera(arm.context, name)
     model, chain = arm.camera.named(name).model(), arm.chain
@@ -133,7 +133,7 @@ def find_tip_zero(
     if camera.tip_shows != joint:
         raise CalibrationError(
             f"A click on the tip cannot set the zero of {joint}.",
-            "The pictures of the board have determined it, or it hardly moves the tip.",
+            "The board's pictures already determine this zero, or the joint hardly moves the tip.",
         )
     _require_same(arm, calibration)
     joints = _resting_joints(arm) if joints is None else joints
@@ -216,7 +216,7 @@ def _read_click(
     if best in (0, len(steps) - 1):
         most_deg = math.degrees(_MOST_RAD)
         raise CalibrationError(
-            f"The click means that the zero of {chain.names[-1]} is off by {most_deg:.0f}° "
+            f"According to the click, the zero of {chain.names[-1]} is off by {most_deg:.0f}° "
             "or more.",
             hint,
         )
@@ -322,7 +322,10 @@ def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
 def _with_last_zero(
     arm: Arm, calibration: Calibration, q: Vector, moved: Vector, written: datetime
 ) -> Calibration:
-    """Return a calibration that measures q (dof,) as moved; boards keep their base pose."""
+    """Return the calibration with zeros that make joints q (dof,) read ``moved``.
+
+    Boards on the gripper keep their poses in the base frame.
+    """
     joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), moved - q)
     T_moved_tip = np.linalg.inv(arm.chain.forward(moved)) @ arm.chain.forward(q)
     cameras: dict[str, CalibratedCamera] = {}

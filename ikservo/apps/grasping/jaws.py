@@ -10,7 +10,7 @@ from ikservo.errors import IkservoError
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.capsules import segment_distance
 from ikservo.model import Model
-from ikservo.model.collision_model import capsules_of, collision_body_with_gripper
+from ikservo.model.collision_capsules import capsules_of, collision_body_with_gripper
 from ikservo.model.tool import tool_frame
 
 _LINE_M = np.arange(-0.15, 0.1501, 0.001)  # places along the axis on which the jaws open

@@ -134,8 +134,8 @@ class Pick(OwnMotion[GraspResult]):
         if sides[0][0] + 2.0 * _MIN_CLEARANCE_M > most_m:
             wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
             raise RefusedError(
-                f"The thing is {wide_mm:.0f} mm wide, the jaws open {most_mm:.0f} mm there.",
-                "Nothing moves. Choose a narrower thing.",
+                f"The thing is {wide_mm:.0f} mm wide, but the jaws open only {most_mm:.0f} mm.",
+                "Nothing moved. Choose a narrower thing.",
             )
 
         def stances() -> Iterator[Stance]:
@@ -176,7 +176,8 @@ class Pick(OwnMotion[GraspResult]):
             grip.T_thing_tip = None
         at = format_point(self.middle_m)
         raise RefusedError(
-            f"The gripper found nothing at {at}, or lost it.", "Look, and try again."
+            f"The gripper found nothing at {at}, or dropped it.",
+            "Check where it is, then try again.",
         )
 
     def __str__(self) -> str:
@@ -215,7 +216,7 @@ class Place(OwnMotion[GraspResult]):
                 raise RefusedError(
                     f"With its middle at {format_point(self.middle_m)}, the thing would be "
                     f"{-1000.0 * bottom_m:.0f} mm below the table.",
-                    f"The thing is {1000.0 * grip.height_m:.0f} mm high; give a higher middle.",
+                    f"The thing is {1000.0 * grip.height_m:.0f} mm high; place it higher.",
                 )
         return planner.plan(middle_m, _DROPS_M, [(stance, grip_m)], kinds, float(held[0]))
 
@@ -252,7 +253,7 @@ def pick(arm: OpenArm, thing: ArrayLike | KeepOutShape, **options: Any) -> Grasp
 def pick_box(box: KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
     """Return the motion that picks up an upright box; other things are refused."""
     if box.row[IS_CYLINDER] or box.row[ROUNDING] or box.row[8] < _UPRIGHT_COSINE:
-        raise RefusedError(f"{box.name} is not an upright box.", "Give the point to grip.")
+        raise RefusedError(f"{box.name} is not an upright box.", "Give the point to grip instead.")
     yaw_rad = math.atan2(box.row[3], box.row[0])
     return Pick(box.row[9:12], size_m=2.0 * box.half_size_m, yaw_rad=yaw_rad, **options)
 
@@ -337,9 +338,9 @@ class _GraspPlanner:
         ``kinds`` are the motions: open and close for the jaws, which stay at ``held``; to, down
         and away for the tip.
         """
-        at, reason = format_point(middle_m.tolist()), "The gripper cannot be turned to it there."
+        at, reason = format_point(middle_m.tolist()), "The gripper cannot be oriented for it."
         if middle_m[2] < (self._context.model.floor_m or 0.0):
-            raise RefusedError(f"{at} is below the table.", "Nothing moves. Choose another point.")
+            raise RefusedError(f"{at} is below the table.", "Nothing moved. Choose another point.")
         self._context.planner.reach(self._start, middle_m)
         until_s = perf_counter() + _SEARCH_S
         for stance, grip_m in stances:
@@ -357,7 +358,7 @@ class _GraspPlanner:
                         reason = error.message
         raise RefusedError(
             f"{self._context.model.name} cannot grip or put down anything at {at}: {reason}",
-            "Nothing moves. Choose another point, or move what is in the way.",
+            "Nothing moved. Choose another point, or move what is in the way.",
         )
 
     def tip_at(self, point_m: Vector, stance: ToolOrientation, grip_m: Vector) -> Matrix | None:
@@ -369,7 +370,7 @@ class _GraspPlanner:
         q = self._context.index.chain_joints(self._start)
         for _ in range(3 if grip_m.any() else 1):
             try:
-                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q).solution
+                found = solve_with_orientation(chain, self.tool, Target(tip_m), stance, q)
             except OrientationError:
                 return None
             if not found.reached:

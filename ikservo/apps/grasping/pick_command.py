@@ -8,20 +8,21 @@ from typing import Annotated, Any
 import typer
 
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection, SpeedOption
 from ikservo.cli.quantities import parse_length_m, parse_pixels
-from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import InputError
 
 At = Annotated[
     list[str],
-    typer.Argument(metavar="U V | X Y Z", help="A pixel, or the middle of what is gripped."),
+    typer.Argument(metavar="U V | X Y Z", help="A pixel, or the middle of the thing to pick up."),
 ]
-To = Annotated[str | None, typer.Option("--to", metavar="U,V|X,Y,Z", help="Put it down there.")]
+To = Annotated[str | None, typer.Option("--to", metavar="U,V|X,Y,Z", help="Where to put it down.")]
 Camera = Annotated[
-    str | None, typer.Option("--camera", metavar="SOURCE", help="The camera, as calibrated.")
+    str | None,
+    typer.Option("--camera", metavar="SOURCE", help="The camera, as in its calibration."),
 ]
 
 
@@ -49,7 +50,9 @@ def command(
         on_table = place is not None and len(place) == 2
         if place is not None and on_table:  # before anything is picked up
             place = seeing.point_seen(*place).point_m
-        print_status(f"{arm.model.title} on {format_port(arm.port_name)}: pick {' '.join(at)}.")
+        print_status(
+            f"{arm.model.title} on {format_port(arm.port_name)}: pick up at {' '.join(at)}."
+        )
         confirm_motion(machine, yes=options.yes)
         arm.pick(thing, speed=speed)
         if place is not None:

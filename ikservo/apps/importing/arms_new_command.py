@@ -14,6 +14,7 @@ from ikservo.apps.importing.draft import ArmDraft, DraftServo
 from ikservo.apps.importing.folder import write_drafts
 from ikservo.apps.importing.new_arm import NewArm, draft_new_arm
 from ikservo.apps.importing.ruler import RulerJoint, parse_measured
+from ikservo.apps.importing.servo_assignment import parse_servo
 from ikservo.cli.options import JsonOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
@@ -33,8 +34,8 @@ Joint = Annotated[
     typer.Option(
         "--joint",
         metavar="NAME=AXIS:METRES",
-        help="Without --from: a joint, base to tip; its axis (z, y, x) while the arm stands "
-        "upright, and the length to the next one. Repeatable.",
+        help="Without --from: one joint. AXIS is x, y or z with the arm upright, METRES the "
+        "distance to the next joint. Repeat it for each joint, from base to tip.",
     ),
 ]
 Tip = Annotated[
@@ -72,7 +73,7 @@ ServoOf = Annotated[
 ServoModel = Annotated[
     str | None,
     typer.Option(
-        "--servo-model", metavar="MODEL", help="Servo model, for servos whose --servo gives none."
+        "--servo-model", metavar="MODEL", help="Servo model, for servos without a model in --servo."
     ),
 ]
 JointLimits = Annotated[
@@ -110,7 +111,9 @@ NewPort = Annotated[
         help="Find the servos on this port; those without --servo move a little.",
     ),
 ]
-Folder = Annotated[Path, typer.Option("--folder", help="Folder in which to make the arm's folder.")]
+Folder = Annotated[
+    Path, typer.Option("--folder", help="Folder that will contain the arm's folder.")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 
@@ -233,19 +236,11 @@ def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
 def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
     """Parse ``JOINT=[-]ID[:MODEL]``; several servos of a joint drive it together."""
     found: dict[str, tuple[DraftServo, ...]] = {}
-    for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
+    for name, servo in _parse_pairs("--servo", texts, parse_servo, "elbow=3:STS3215 or elbow=-3"):
         if any(servo.id == other.id for servos in found.values() for other in servos):
             raise InputError(f"--servo gives the id {servo.id} twice.", "Use each id once.")
         found[name] = (*found.get(name, ()), servo)
     return found
-
-
-def _parse_servo(text: str) -> DraftServo:
-    number, _, model = text.partition(":")
-    servo_id = int(number)
-    if not 0 < abs(servo_id) < 253:
-        raise ValueError
-    return DraftServo(abs(servo_id), model, -1 if servo_id < 0 else 1)
 
 
 def _print_drafts(

@@ -80,10 +80,7 @@ def build_drafts(
 ) -> Generator[MeshStep, object, list[ArmDraft]]:
     """Build a draft of each arm of a description, without poses; yield before each mesh.
 
-    Args:
-        description: The tree.
-        name: The name of the arm; for several arms, the names of their tips are appended.
-        options: The decisions of the user.
+    If there are several arms, the names of their tips are appended to ``name``.
 
     Raises:
         UnknownNameError: A link, joint or servo model does not exist.
@@ -157,7 +154,7 @@ def _shape_draft(
     shared = [name for name in structure.joints if name not in own]
     urdf, fixed = fix_joints(draft.urdf, own)
     if shared:
-        note(f"{_listed(shared)}: the first arm drives it; here it is fixed.")
+        note(f"Fixed here, because the first arm drives them: {_listed(shared)}.")
     others = [name for name in fixed if name not in shared]
     if others:
         note(f"Fixed, because the tip does not need them: {_listed(others)}.")
@@ -193,7 +190,7 @@ def _add_servos(
     note = draft.decisions.append
     model, why = _servo_model(draft, options)
     if not options.servos:
-        note(f"The servos are {model}{why}, and have ids from base to tip.")
+        note(f"The servos are {model}{why}. Their ids count up from base to tip.")
     links = draft.urdf.links
     weightless = [
         link.name
@@ -222,7 +219,7 @@ def _add_servos(
 
 
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Set the limits of a joint to the user's, or to those of a servo if it has none."""
+    """Set a joint's limits to the user's, or else reduce them to what a servo can turn."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"
@@ -232,7 +229,7 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
             raise BadValueError(f"The range of {joint.name}", found, "low < high")
     elif joint.kind is UrdfJointType.CONTINUOUS:
         low, high = -math.pi, math.pi
-        say(f"{joint.name} has no limits in the description: ±180°, half a turn of a servo each "
+        say(f"{joint.name} has no limits in the description and gets ±180°, half a servo turn each "
             f"way (--limits {joint.name}=LOW:HIGH).")  # fmt: skip
     elif not slides and joint.upper - joint.lower > math.tau + 1e-3:
         low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
@@ -273,7 +270,7 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
         draft.supply_v = supply_v
         if torque and all(can_lift(torque, load) for load in loads.values()):
             lifting = (
-                "the weakest that lift the arm"
+                "the weakest that can lift the arm"
                 if loads
                 else "assumed because the arm has no masses"
             )
@@ -289,14 +286,14 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
         links=tuple(replace(link, mass_kg=0.0) for link in draft.urdf.links),
     )
     draft.dropped.append(
-        f"The masses: {name} would have to lift {load:.0f} N m, and no servo in the catalogue "
-        f"can. The simulated arm weighs nothing; real servos could not carry it."
+        f"The masses, because {name} would need {load:.0f} N m, which no servo in the catalogue "
+        f"has. The simulated arm weighs nothing; real servos could not carry it."
     )
     return _LIFTERS[-1][0], ", the strongest, because none could lift the arm"
 
 
 def _loads_nm(draft: ArmDraft, options: ImportOptions) -> dict[str, float]:
-    """Return the largest gravity torque at each servo, N m; empty without masses."""
+    """Return the largest gravity torque at each servo, N m; empty if masses are unknown."""
     chain = build_chain(draft.urdf, draft.tip)
     model = Model.from_geometry(draft.name, draft.name, chain, draft.urdf, Path())
     masses = link_masses(model, chain)

@@ -16,13 +16,8 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
     """Refuse a scene that is too large to be read with all its instances expanded.
 
     A node may instantiate another node several times, and that node may do the same, so thirty
-    lines can make a billion surfaces.
-
-    Args:
-        path: The origin of the data, for messages.
-        place: The owner of the shape, for messages.
-        data: The file.
-        max_elements: The largest number of triangles and elements in the whole scene.
+    lines can make a billion surfaces. The path and ``place``, the owner of the shape, are for
+    messages.
 
     Raises:
         FileFormatError: The scene is too large, contains itself or is not plain XML.
@@ -31,7 +26,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
     elements, chars = _SceneSize(path, place, root).sum_up()
     if elements > max_elements or chars > _MAX_CHARS:
         found = f"it has {elements:,} triangles and elements in {chars:,} characters"
-        expected = f"at most {max_elements:,}, counted at each use"
+        expected = f"at most {max_elements:,}, counting repeated parts each time"
         raise FileFormatError(path, place, found, f"{expected}; simplify the mesh")
 
 

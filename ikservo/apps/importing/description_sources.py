@@ -40,11 +40,7 @@ class Description:
 
 
 def choose_description(source: Path, name: str | None = None) -> Path:
-    """Choose the description: a file, or the only one in a folder.
-
-    Args:
-        source: A file or folder.
-        name: The name of a file in the folder, or the end of its path.
+    """Choose the description: a file, or the only one in a folder whose path ends in ``name``.
 
     Raises:
         InputError: There is no such file, or there are several; the message lists them.
@@ -124,12 +120,8 @@ def read_foreign(
 ) -> Description:
     """Read a foreign description, but not the meshes that it names.
 
-    Args:
-        path: The file.
-        packages: Folders of packages, by name.
-        arguments: Arguments of a xacro, by name.
-        allow_xacro: Whether the expressions of a xacro may be run.
-        folder: The folder whose files may be read; None: that of its package, or else its own.
+    Only files in ``folder`` are read. Without it, only files in the folder of the description's
+    package are read, or else those in the description's own folder.
 
     Raises:
         FileFormatError: The description cannot be used; the message names the place and the cause.
@@ -145,7 +137,7 @@ def read_foreign(
         if runs_code(path):
             if not allow_xacro:
                 raise InputError(
-                    f"{path} is a xacro: expanding it runs the Python expressions in it.",
+                    f"{path} is a xacro file. Expanding it runs the Python expressions in it.",
                     "If you trust the file and the files that it includes, add --allow-xacro.",
                 )
             text = expand_xacro(path, found, arguments)
@@ -175,15 +167,15 @@ def _make_readable(root: XmlElement) -> list[str]:
         limit = next(iter(joint.child_elements("limit")), None)
         if kind in ("floating", "planar"):
             joint.attributes = {**joint.attributes, "type": "fixed"}
-            notes.append(f"joint {name} is {kind}: it is fixed in place.")
+            notes.append(f"joint {name} is {kind}, so it is fixed in place.")
         elif kind == "revolute" and limit is None:
             joint.attributes = {**joint.attributes, "type": "continuous"}
-            notes.append(f"joint {name} is revolute without <limit>: it is treated as continuous.")
+            notes.append(f"joint {name} is revolute without <limit>, so it becomes continuous.")
         elif kind in ("revolute", "prismatic") and limit is not None:
             lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
             if lower == upper:
                 joint.attributes = {**joint.attributes, "type": "fixed"}
-                notes.append(f"joint {name} has lower = upper = {lower:g}: it is fixed at zero.")
+                notes.append(f"joint {name} has lower = upper = {lower:g}, so it is fixed at zero.")
     notes += _repair_mimics(joints)
     for link in root.child_elements("link"):
         for kind in ("collision", "visual"):
@@ -215,7 +207,7 @@ def _repair_mimics(joints: Sequence[XmlElement]) -> Iterator[str]:
             leader = by_name.get(next_mimic.attributes.get("joint", ""))
         if leader is None or leader.attributes.get("type") not in _MOVABLE:
             joint.children.remove(mimic)
-            yield f"joint {quote(name)} follows no joint that moves: it moves independently."
+            yield f"joint {quote(name)} follows no moving joint, so it moves independently."
         elif len(seen) > 1:
             mimic.attributes = {
                 "joint": leader.attributes["name"],
@@ -235,7 +227,7 @@ def _repair_shape(
     link.children.remove(each)
     if kind != "capsule":
         yield (
-            f"link {quote(link.attributes.get('name', ''))} has a shape of {kind}, which is "
+            f"link {quote(link.attributes.get('name', ''))} has a shape of type {kind}, which is "
             f"left out."
         )
         return

@@ -24,8 +24,8 @@ _SPEEDS = {"slow": (25.0, 50.0, 500.0), "normal": (60.0, 180.0, 1800.0),
 
 _CONTACT_LINES = (
     "Capsules contain each mesh. If a link has several meshes, the smallest was fitted "
-    "first; parts inside its capsules need no others.",
-    "The excess is the largest distance of their surface from the meshes of the link:",
+    "first; parts inside its capsules get no capsules of their own.",
+    "The excess is the largest distance from a capsule's surface to the meshes of the link:",
     "",
     "| link | mesh | triangles | capsules | excess |",
     "|---|---|---|---|---|",
@@ -193,9 +193,7 @@ class ArmDraft:
         for fit in self.fits:
             excess = f"{1000 * fit.excess_m:.1f} mm"
             if fit.excess_m > fit.allowed_m:
-                excess += (
-                    f", more than {1000 * fit.allowed_m:.0f} mm: eight capsules do not fit better"
-                )
+                excess += f", more than {1000 * fit.allowed_m:.0f} mm; eight capsules fit no closer"
             lines.append(
                 f"| {fit.link} | {fit.name} | {fit.triangles:,} | {fit.capsules} | {excess} |"
             )

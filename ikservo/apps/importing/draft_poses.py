@@ -7,7 +7,7 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import Model
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 
 _TRIES, _BATCH = 600, 20  # number of postures to try, and to check at once
 _ENOUGH_M = 0.01  # clearance of the body that suffices

@@ -24,7 +24,9 @@ def check_name(name: str) -> None:
     if not _NAME.fullmatch(name):
         raise BadValueError("The name", name, "1 to 64 of the characters A-Z a-z 0-9 _ -")
     if name in arm_names():
-        raise BadValueError("The name", name, "a new name: that arm ships with ikservo")
+        raise BadValueError(
+            "The name", name, "a new name, because an arm with this name ships with ikservo"
+        )
 
 
 def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
@@ -39,11 +41,7 @@ def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
 
 
 def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
-    """Load a draft as it would be loaded from its folder, without its pictures.
-
-    Args:
-        draft: The arm.
-        folder: The folder for its two files; a temporary folder if None.
+    """Load a draft as from its folder (by default a temporary one), without its pictures.
 
     Raises:
         FileFormatError: The draft cannot be loaded; the message names its source description.

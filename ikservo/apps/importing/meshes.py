@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ikservo.apps.importing.collada import check_collada
-from ikservo.apps.importing.fitting import Triangles
+from ikservo.apps.importing.mesh_capsules import Triangles
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import path_inside
 from ikservo.model.urdf_types import Mesh
@@ -32,12 +32,8 @@ _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     """Read the corners (n, 3, 3) of all triangles, in the file's own unit; Collada in metres.
 
-    Files that the mesh names (buffers of glTF) are read from its own folder only.
-
-    Args:
-        path: The mesh file; the suffix determines the format.
-        data: The content of the file.
-        link: The link that owns the shape, for messages.
+    Files that the mesh names (buffers of glTF) are read from its own folder only. The suffix of the
+    path determines the format; ``link`` owns the shape, for messages.
 
     Raises:
         FileFormatError: The file has an unknown format, or is damaged, empty or too large.
@@ -46,7 +42,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     place, suffix = f"mesh of link {link}", path.suffix.lower()
     if suffix not in _FORMATS:
         expected = f"one of {', '.join(_FORMATS)}"
-        raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
+        raise FileFormatError(path, place, f"its format is {suffix or 'unknown'}", expected)
     if len(data) > _MAX_BYTES:
         raise FileFormatError(
             path, place, "the file is larger than 32 MiB", "a simpler collision mesh"
@@ -165,7 +161,7 @@ def mesh_triangles(link: str, mesh: Mesh) -> Triangles:
     """
     place = f"mesh of link {link}"
     if mesh.path is None:
-        expected = "a file in the model's own folder, as relative path, package:// or file://"
+        expected = "a file in the model's own folder, as a relative path, package:// or file://"
         raise FileFormatError(mesh.filename, place, "it is outside the model's folder", expected)
     if not mesh.path.is_file():
         expected = "the mesh, or <collision> shapes of boxes, cylinders and spheres"

@@ -113,7 +113,10 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
     text = read_text(path, _MAX_BYTES)
     if _BROKEN_NAME.search(text):  # MuJoCo keeps these characters; XML readers make them blanks
         raise FileFormatError(
-            path, "", "has a tab or a line break in a file's name", "a name without these"
+            path,
+            "",
+            "has a tab or a line break in a file's name",
+            "names without tabs and line breaks",
         )
     root = parse_xml(path, text)
     for element in _all_elements(root):
@@ -144,7 +147,9 @@ def _check_element(element: XmlElement) -> None:
     """Refuse elements that multiply bodies or load other models, and ranges that are reversed."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
-        raise element.error(f"<{element.tag}> cannot be used", "each body written out")
+        raise element.error(
+            f"<{element.tag}> cannot be used", "a file in which each body is written out"
+        )
     for key in ("range", "actuatorfrcrange") if element.tag == "joint" else ():
         if key in attributes and attributes.get(_SWITCHES[key]) != "false":
             lower, upper = element.pair(key, most=math.inf)
@@ -184,7 +189,7 @@ def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -
             return found
     raise element.error(
         f"<{element.tag}> names {quote(name)}, outside the model's folder",
-        "a file under it; or name a folder that has all of them: --from FOLDER --file NAME",
+        "a file inside it; or give a folder that contains all files: --from FOLDER --file NAME",
     )
 
 
@@ -198,13 +203,8 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
 def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types
     """Return the collision shapes and the visual shapes of a body.
 
-    Planes and height fields are left out, because they belong to the surroundings.
-
-    Args:
-        mujoco: The module `mujoco`.
-        model: A compiled model.
-        body: The number of the body.
-        shift_m: Origin (3,) of the link's frame, in the body's frame.
+    Planes and height fields are left out, because they belong to the surroundings. The origin of
+    the link's frame is at ``shift_m`` (3,) in the body's frame.
     """
     collide, drawn = list[Shape](), list[Shape]()
     first = int(model.body_geomadr[body])
@@ -248,11 +248,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
 
     Bodies and sites become links; each further joint of a body gets a separate link. A robot with a
     free base is fixed where it stands; loose objects are left out. The names of all files are
-    checked first, so that no file outside the model's folder is opened.
-
-    Args:
-        path: The file.
-        folder: The folder that contains all its files; None: that of the MJCF.
+    checked first, so that no file outside ``folder``, by default that of the MJCF, is opened.
 
     Raises:
         FileFormatError: A file is outside the folder, MuJoCo refuses the model, or the model has a
@@ -264,7 +260,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
         mujoco: Any = importlib.import_module("mujoco")  # it has no types
     except ImportError:
         raise InputError(
-            f"{path} is an MJCF; reading it needs mujoco, which is not installed.",
+            f"{path} is an MJCF file; reading it needs mujoco, which is not installed.",
             f"Install it: {install_command('physics')}",
         ) from None
     try:
@@ -364,7 +360,9 @@ class _BodyTreeReader:
         name = model.joint(joint).name or f"joint_{joint}"
         kind, axis = kinds(int(model.jnt_type[joint])), np.array(model.jnt_axis[joint])
         if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
-            raise FileFormatError(self._path, f"joint {name}", "is a ball", "a hinge or slide")
+            raise FileFormatError(
+                self._path, f"joint {name}", "is a ball joint", "a hinge or slide"
+            )
         slides, limited = kind == kinds.mjJNT_SLIDE, bool(model.jnt_limited[joint])
         zero = float(model.qpos0[model.jnt_qposadr[joint]])
         T = T @ (

@@ -122,8 +122,8 @@ def _read(new: NewArm) -> EntryDialogue[Description]:
     path = choose_description(new.source, new.file)
     allowed = new.allow_xacro
     if not allowed and runs_code(path):
-        question = (f"{path.name} is a xacro. Expanding it runs the Python expressions in it and "
-                    "in the files that it includes. Run them?")  # fmt: skip
+        question = (f"{path.name} is a xacro file. Expanding it runs the Python expressions in it "
+                    "and in the files that it includes. Run them?")  # fmt: skip
         allowed = (yield Question(question, Unasked.NO)) == ACCEPT
     yield Progress(f"reading {path.name}")
     folder = new.source if new.source.is_dir() else None
@@ -132,7 +132,7 @@ def _read(new: NewArm) -> EntryDialogue[Description]:
 
 def _ask_joints() -> EntryDialogue[tuple[RulerJoint, ...]]:
     """Ask for the joints of an arm that stands upright, base to tip."""
-    yield Notice("Think of the arm standing upright. Axes: z turns it, y bends it forwards, "
+    yield Notice("Imagine the arm standing upright. Axes: z turns it, y bends it forwards, "
                  "x to the side.")  # fmt: skip
     option = "--from FILE, or --joint NAME=AXIS:METRES for each joint"
     count = yield Entry("How many joints, without the gripper?", option,
@@ -141,7 +141,7 @@ def _ask_joints() -> EntryDialogue[tuple[RulerJoint, ...]]:
     for i in range(1, int(count or "1") + 1):
         axis = yield Entry(f"Joint {i}: axis", option, "z" if i == 1 else "y", tuple(AXES))
         while True:
-            length = yield Entry(f"Joint {i}: metres from it to the next", option)
+            length = yield Entry(f"Joint {i}: distance to the next, in metres", option)
             try:
                 joints.append(parse_measured(f"joint_{i}={axis}:{length}"))
                 break
@@ -200,7 +200,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
 
 def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
     """Find a draft's pose ``rest``, in which the limp simulated arm lies."""
-    yield Progress(f"letting the simulated {draft.name} sink")
+    yield Progress(f"letting the limp simulated {draft.name} come to rest")
     try:
         with tempfile.TemporaryDirectory() as name:
             load_draft(draft, Path(name))
@@ -209,20 +209,21 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
         raise
     except IkservoError as error:
         draft.decisions.append(
-            f"The pose rest is the pose home: it cannot be simulated ({error.command_message})"
+            f"The pose rest equals home, because its simulation failed ({error.command_message})"
         )
         return
     draft.poses = {**draft.poses, "rest": place.positions}
     draft.decisions.append(
         f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after torque went "
-        f"off in home. A real arm must stay there when it is limp; check this."
+        f"off in the pose home. A real arm must stay there when it is limp; check this."
     )
     if not place.still:
         draft.decisions.append(
-            "It was still moving at that time: put the real arm there and check."
+            "The simulated arm was still moving then. Put the real arm there and check."
         )
     if math.isfinite(place.gap_m) and place.gap_m < 0.0:
         draft.decisions.append(
-            f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "
-            "capsules are thicker than the parts, or because the limp arm cannot rest otherwise."
+            f"In the pose rest, {' and '.join(place.pair)} overlap by "
+            f"{-1000 * place.gap_m:.0f} mm, because capsules are thicker than the parts, or "
+            "because the limp arm cannot rest otherwise."
         )

@@ -40,8 +40,8 @@ class PackageFolders:
     def find(self, name: str) -> Path | None:
         """Find the folder of a package by its name, or by the name in its package.xml.
 
-        A folder that the user gave comes first. Then the folders above the description and those
-        beside them are searched, up to the root of a repository.
+        A folder that the user gave comes first. Then the folders above the description and their
+        direct subfolders are searched, up to the root of a repository.
         """
         if name not in self.used:
             folder = self.given.get(name) or self._look_upwards(name)
@@ -65,7 +65,7 @@ class PackageFolders:
         """
         folder = self.find(name)
         if folder is None:
-            found = f"it needs the package {quote(name)}, and no parent folder is that package"
+            found = f"it needs the package {quote(name)}, which is not among the parent folders"
             raise FileFormatError(self.path, "", found, f"its folder: --package {name}=FOLDER")
         return folder
 

@@ -47,10 +47,6 @@ class RestingPlace:
 def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
     """Release a simulated arm in a pose, and wait until it lies still, at most a minute.
 
-    Args:
-        folder: The folder of the arm.
-        pose: The pose in which it is released.
-
     Raises:
         IkservoError: The arm cannot be simulated.
     """

@@ -57,13 +57,7 @@ def parse_measured(text: str) -> RulerJoint:
 def describe_measured(
     name: str, joints: Sequence[RulerJoint], foot_m: float = _FOOT_M
 ) -> Description:
-    """Describe an arm that stands upright at zero.
-
-    Args:
-        name: The name of the arm.
-        joints: The joints from base to tip.
-        foot_m: The height of the first joint above the table.
-    """
+    """Describe an arm of joints from base to tip, upright at zero, the first at ``foot_m``."""
     links, moving = [_part("base", foot_m, 2.0 * _RADIUS_M)], list[UrdfJoint]()
     height_m = foot_m
     for i, joint in enumerate(joints, start=1):

@@ -34,15 +34,25 @@ _AGAIN, _NOTHING = "again", "nothing"
 _OPTION = "--servo JOINT=ID for each joint"
 
 
+def parse_servo(text: str) -> DraftServo:
+    """Parse ``[-]ID[:MODEL]``; with a minus, ticks fall while the joint position rises.
+
+    Raises:
+        ValueError: The id is not one of a servo.
+    """
+    number, _, model = text.partition(":")
+    servo_id = int(number)
+    if not 0 < abs(servo_id) < 253:
+        raise ValueError
+    return DraftServo(abs(servo_id), model, -1 if servo_id < 0 else 1)
+
+
 def assign_servos(
     drafts: Sequence[ArmDraft], port: str, given: Mapping[str, Sequence[DraftServo]]
 ) -> EntryDialogue[None]:
     """Assign the servos of a bus to the joints of drafts that have the pose ``home``.
 
-    Args:
-        drafts: The arms on the bus.
-        port: The port.
-        given: Servos by joint, as given by the user; these are not moved.
+    Servos by joint that the user has ``given`` are not moved.
 
     Raises:
         PortError: The port cannot be opened.
@@ -89,7 +99,7 @@ def _scan(line: Port, rates: Sequence[int]) -> EntryDialogue[list[FoundServo]]:
             listed = ", ".join(f"{each.id} ({each.model})" for each in found)
             yield Notice(f"Servos on the bus, at {rate} baud: {listed}.")
             return found
-    raise ServoSilentError("No servo replies.", "Check the servos' power supply and the cable.")
+    raise ServoSilentError("No servo replies", "Check the servos' power supply and the cable.")
 
 
 def _check_servos(
@@ -105,8 +115,8 @@ def _check_servos(
         )
     families = {each.table.family.value for each in found if each.table}
     if len(families) > 1:
-        raise InputError(f"The servos are of several families: {', '.join(sorted(families))}.",
-                         "All servos of an arm must be of one family.")  # fmt: skip
+        raise InputError(f"The servos belong to several families: {', '.join(sorted(families))}.",
+                         "All servos of an arm must belong to one family.")  # fmt: skip
     if len(found) < len(joints):
         raise InputError(
             f"{len(found)} servos reply, but the arm has {len(joints)} joints: "
@@ -117,7 +127,9 @@ def _check_servos(
     for joint, servos in given.items():
         for servo in servos:
             if servo.id not in ids:
-                raise ServoSilentError(f"The servo {servo.id} of {joint} does not reply.", _OPTION)
+                raise ServoSilentError(
+                    f"Servo {servo.id} of {joint} does not reply", f"Check: {_OPTION}"
+                )
 
 
 def _ask_about(
@@ -195,4 +207,4 @@ def _set_servos(
         draft.supply_v = 12.0 if voltages and voltages[0] > 9.5 else usual_v
     else:
         draft.supply_v = None
-    draft.decisions.append("Each servo on the bus was assigned by its motion, or as given.")
+    draft.decisions.append("Each servo on the bus was assigned by its motion, or by --servo.")

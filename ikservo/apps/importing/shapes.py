@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.apps.importing.fitting import (
+from ikservo.apps.importing.mesh_capsules import (
     FittedCapsule,
     MeshFit,
     Triangles,
@@ -149,7 +149,11 @@ class _ShapeConverter:
                     end_m = np.array(joint.xyz_m)
                     if joint.parent == link.name and float(np.linalg.norm(end_m)) > 2.0 * _ROD_M:
                         contacts += capsule_shapes(FittedCapsule(np.zeros(3), end_m, _ROD_M))
-                instead = "a rod along it is used instead" if contacts else "it has no contact"
+                instead = (
+                    "a rod along it is used instead"
+                    if contacts
+                    else "its contacts are not detected"
+                )
                 self._result.notes.append(f"link {link.name} has no usable shape: {instead}.")
             visuals, colours = list[Shape](), list[Triple | None]()
             for i, shape in enumerate(link.visuals):
@@ -241,7 +245,7 @@ class _ShapeConverter:
                 size_m = extent_m(triangles)
                 if size_m > _MAX_SIZE_M:
                     self._result.notes.append(
-                        f"mesh {_name_of(shape)} is left out: it is {size_m:.0f} m large."
+                        f"mesh {_name_of(shape)} is left out, because it is {size_m:.0f} m large."
                     )
                     triangles = None
             except FileFormatError as error:

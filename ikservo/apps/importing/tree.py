@@ -68,10 +68,8 @@ def find_structures(
 ) -> list[Structure]:
     """Find the arms of a tree: one for each tip, or the only one.
 
-    Args:
-        urdf: The tree.
-        tips: The tips that the user gave; empty to find the tip.
-        gripper: The joint of the jaws that the user gave; empty: no jaws; None: it is searched for.
+    An empty ``gripper`` means no jaws. If it is None, jaws are searched for; if there are no
+    ``tips``, the tip is searched for.
 
     Raises:
         UnknownNameError: There is no such link or joint.
@@ -85,7 +83,7 @@ def find_structures(
         return [_structure(urdf, urdf.link(tip).name, gripper) for tip in tips]
     found = _possible_arms(urdf, gripper)
     if not found:
-        raise InputError("No joint of the description moves.", "An arm needs at least one.")
+        raise InputError("The description has no movable joint.", "An arm needs at least one.")
     if len(found) > 1:
         named = " ".join(f"--tip {each.tip}" for each in found)
         raise InputError(

@@ -81,12 +81,8 @@ def expand_xacro(
     """Return the URDF to which a xacro file expands; this runs Python expressions in the file.
 
     xacro runs in an isolated Python, which imports it from the installed packages and never from
-    the current folder or ``PYTHONPATH``.
-
-    Args:
-        path: The file.
-        packages: Finds the packages of ``$(find NAME)``.
-        arguments: Values of the file's ``<xacro:arg>``, by name.
+    the current folder or ``PYTHONPATH``. ``packages`` finds the folders of ``$(find NAME)``;
+    ``arguments`` are values of the file's ``<xacro:arg>`` by name.
 
     Raises:
         FileFormatError: xacro is not installed, does not accept the file, or needs too much time,

@@ -18,7 +18,7 @@ from ikservo.apps.lab.accuracy_test import (
     PoseResult,
     TestSettings,
 )
-from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.arrays import Matrix, Vector
 
 Fields = Mapping[str, Any]
 
@@ -86,6 +86,17 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
     }
 
 
+def touched_poses(tips: Iterable[tuple[str, Vector, Vector]]) -> list[PoseResult]:
+    """Group touches of known points, each with name, position (3,) and tip (3,), metres.
+
+    Points are in the base frame; errors include those of backlash, bending and hand.
+    """
+    found: dict[str, PoseResult] = {}
+    for name, point_m, tip_m in tips:
+        found.setdefault(name, PoseResult(name, point_m)).attained_m.append(tip_m)
+    return list(found.values())
+
+
 def touched_fields(poses: Sequence[PoseResult]) -> dict[str, Any]:
     """Return the measurements from touches, with the keys of ``accuracy_fields``."""
     nothing: dict[str, Any] = {"cube": None, "settings": None, "top_speed_m_s": None}
@@ -140,11 +151,11 @@ def statements(fields: Fields) -> list[str]:
         edge_m = fields["cube"]["edge_m"]
         if edge_m < 0.25:
             found.append(
-                f"The edge of the cube is {1000 * edge_m:.0f} mm, the largest that is free; "
+                f"The edge of the cube is {1000 * edge_m:.0f} mm, the largest that fits; "
                 "the smallest in the standard is 250 mm."
             )
     if fields["simulated"]:
-        found.append("A simulated arm.")
+        found.append("The arm was simulated.")
     if fields["stopped"]:
         found.append(f"Not complete: {fields['stopped']}")
     return found
@@ -195,7 +206,7 @@ def accuracy_page(fields: Fields) -> str:
 _LEGEND = (
     "AP: distance of the mean attained point from the commanded one. RP: mean distance from that "
     "mean plus three standard deviations. vAP: largest distance between the means of approaches "
-    "from different directions. AT, RT: the same as AP and RP, largest along a path. dAP, dRP: "
+    "from different directions. AT, RT: largest AP and RP of points along a path. dAP, dRP: "
     "largest change of AP and RP over time. All to ISO 9283:1998, positions only."
 )
 _STYLE = """
@@ -234,7 +245,7 @@ def _facts(fields: Fields) -> dict[str, str]:
     }
     if fields["cube"] is not None:
         center = ", ".join(f"{x:.3f}" for x in fields["cube"]["center_m"])
-        facts["Cube"] = f"{1000 * fields['cube']['edge_m']:.0f} mm about ({center}) m"
+        facts["Cube"] = f"{1000 * fields['cube']['edge_m']:.0f} mm, centred at ({center}) m"
     if fields["top_speed_m_s"]:
         facts["100 % speed"] = (
             f"{1000 * fields['top_speed_m_s']:.0f} mm/s, as fast as the joints allow"
@@ -249,7 +260,7 @@ def _headline(fields: Fields) -> str:
     boxes = {
         "pose accuracy AP, worst": [pose["ap_m"] for pose in fields["poses"]],
         "pose repeatability RP, worst": [pose["rp_m"] for pose in fields["poses"]],
-        "from any direction vAP, worst": [each["vap_m"] for each in fields["directions"]],
+        "multi-directional variation vAP, worst": [each["vap_m"] for each in fields["directions"]],
         "path accuracy AT, worst": [path["at_m"] for path in paths],
         "path repeatability RT, worst": [path["rt_m"] for path in paths],
         "drift dAP": [fields["drift"]["dap_m"]] if fields["drift"] else [],
@@ -295,7 +306,7 @@ def _pose_plots(fields: Fields) -> Iterable[str]:
     reach = _round_up(max((float(np.abs(off).max()) for off in off_mm), default=0.0))
     for pose, off in zip(fields["poses"], off_mm, strict=True):
         # The attained points around their target, from above and from the side.
-        text = f"{pose['name']}: attained points about {about}"
+        text = f"{pose['name']}: attained points around {about}"
         above = _scatter(0, ("x", "y"), off[:, [0, 1]], reach)
         side = _scatter(170, ("x", "z"), off[:, [0, 2]], reach)
         yield _figure(above + side, f"{text}, from above and from the side", 172)

@@ -67,7 +67,7 @@ class TestSettings:
                 raise BadValueError(f"The number of {what}", count, "a number from 2 to 1000")
         if not 0.0 < self.drift_s < math.inf:
             raise BadValueError(
-                "The time of the drift test", f"{self.drift_s:g} s", "more than 0 s"
+                "The duration of the drift test", f"{self.drift_s:g} s", "more than 0 s"
             )
         for part in self.parts:
             if part not in PARTS:
@@ -203,7 +203,6 @@ class AccuracyTest:
         on_step: Called after each cycle.
 
     Attributes:
-        on_step: Called after each cycle.
         cube: The cube of the test.
         top_speed_m_s: Tip speed that counts as 100 %: the highest that the joints allow on both
             paths; 0 until known.

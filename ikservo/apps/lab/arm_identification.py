@@ -15,7 +15,7 @@ from ikservo.apps.lab.drive_fit import JointPrior
 from ikservo.apps.lab.drive_recording import DriveRecording
 from ikservo.apps.lab.duty_model import JOINT_PARAMETERS
 from ikservo.apps.lab.excitation import Excitation, TourOptions, plan_excitation, record_excitation
-from ikservo.apps.lab.identification import (
+from ikservo.apps.lab.parameter_estimation import (
     Identification,
     ParameterEstimate,
     identify,
@@ -38,12 +38,7 @@ QUICK_TOUR = TourOptions(postures=3, slow_postures=0, swings=0)
 
 @dataclass(frozen=True, slots=True)
 class WeighResult:
-    """Result of weighing the mass in the jaws.
-
-    Attributes:
-        payload: The mass, kg.
-        with_identified: Whether the empty arm was identified before.
-    """
+    """Result of weighing the mass in the jaws, and whether the empty arm was identified before."""
 
     payload: ParameterEstimate
     with_identified: bool
@@ -51,13 +46,7 @@ class WeighResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IdentificationRun:
-    """A planned tour of an arm.
-
-    Attributes:
-        arm: The arm.
-        dynamics: The dynamics according to the arm file.
-        excitation: The tour, which starts and ends in the pose `START_POSE`.
-    """
+    """A planned tour of an arm, which starts and ends in the pose `START_POSE`."""
 
     arm: Arm
     dynamics: Dynamics

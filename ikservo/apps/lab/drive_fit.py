@@ -152,9 +152,9 @@ class LoopFit:
     Attributes:
         duty_per_rad: Duty per rad (m) between goal and joint.
         duty_per_rad_error: The standard error of ``duty_per_rad``.
-        share_before: The relative prior standard deviation.
+        share_before: The relative prior standard deviation of ``duty_per_rad``.
         startup_duty: Duty that is added in the direction of the error.
-        delay_s: The apparent age d of the position to which the duty belongs.
+        delay_s: The delay d with which the duty responds to the measured position.
         noise: The RMS deviation of the duty from this fit; the D gain responds to the steps of
             goals and position.
     """
@@ -168,12 +168,7 @@ class LoopFit:
 
 
 def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | None:
-    """Fit the motors of a joint; None if one of its servos does not measure its current.
-
-    Args:
-        windows: The windows of the joint; currents have a sign.
-        prior: The prior of its servos.
-    """
+    """Fit the motors of a joint from signed currents; None if a servo does not measure them."""
     found = [_winding(windows, k, prior) for k in range(prior.servos)]
     fits = [each for each in found if each is not None]
     if len(fits) < len(found):
@@ -244,10 +239,6 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
     Servos are read between two goals. There the D gain brakes the joint. At each new goal it drives
     the joint by as much, but too briefly to be read; the error also falls between goals. If the D
     gain makes the duties noisy, duties computed from the leads are used.
-
-    Args:
-        windows: The windows that were read.
-        loops: The loop of each joint.
     """
     duty = windows.duty.copy()
     for joint, loop in enumerate(loops):
@@ -267,10 +258,6 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
     The sign is chosen so that the motor's speed, from its back-EMF, is close to the joint's speed
     and to its own speed before and after: motor and joint differ while gears cross their backlash,
     but the rotor has inertia.
-
-    Args:
-        recording: The recording that was read.
-        priors: The priors of each joint's servos.
     """
     current, volts = recording.current_a.copy(), recording.duty * recording.voltage_v
     speeds = smooth_samples(np.gradient(recording.position, recording.time_s, axis=0))
@@ -286,14 +273,10 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
 
 
 def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
-    """Choose between two possible speeds of the motor in each sample (m,).
+    """Choose between two speeds (m, 2) of the motor in each sample, given those of the joint (m,).
 
     The sequence with the least sum of differences from the joint's speed and between samples is
     returned (algorithm of Viterbi, 1967).
-
-    Args:
-        motor: Both speeds (m, 2).
-        joint: The joint speed (m,).
     """
     costs = np.minimum(np.abs(motor - joint[:, None]), _CROSSING_RAD_S)
     changes = _INERTIA * np.abs(motor[1:, None, :] - motor[:-1, :, None])
@@ -317,14 +300,8 @@ def fit_backlash(
     passes the same place both ways. A joint that falls through its balance is pushed one way and
     then the other in each swing, so the full backlash shows only near the balance, at the places
     with the largest difference. The combined error of R and kt is smaller than the error of either,
-    because the steady motion of their fit needs currents like those of a swing.
-
-    Args:
-        recording: The recording of the motion; currents have a sign.
-        joint: The joint.
-        gravity: The estimated gravity torque in each sample (m,); if it keeps its sign, the gears
-            stay on one side.
-        motors: The motors of its servos.
+    because the steady motion of their fit needs currents like those of a swing. Currents have a
+    sign; the gears stay on one side if ``gravity``, the torque in each sample (m,), keeps its sign.
     """
     swings = _swings(recording, joint)
     if len(swings) < _MIN_SWINGS:

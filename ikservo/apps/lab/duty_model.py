@@ -92,13 +92,10 @@ class DutyModel:
         joints: Sequence[tuple[JointPrior, MotorConstants | None]],
         prior: ParameterPrior | None = None,
     ) -> DutyModel:
-        """Return the model of an arm.
+        """Return the model of an arm from windows of steady motion.
 
-        Args:
-            windows: Windows of steady motion.
-            gravity: Gravity torques at each window's posture (k, dof, bodies + 1).
-            joints: The priors of each joint's servos.
-            prior: The prior of the parameters; None to derive it from ``joints``.
+        ``gravity`` has the torques at each window's posture (k, dof, bodies + 1). Without a prior
+        of the parameters, it is derived from those of the joints.
         """
         own = gravity[np.arange(len(windows.joint)), windows.joint]
         return cls(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.lab.drive_recording import DriveRecording, smooth_samples
-from ikservo.apps.lab.identification import gravity_columns
+from ikservo.apps.lab.parameter_estimation import gravity_columns
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import RefusedError
@@ -66,12 +66,7 @@ class TourOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExcitationLeg:
-    """A motion between two postures, with a pause before it.
-
-    Attributes:
-        start_s: Time at which the motion starts.
-        move: The motion.
-    """
+    """A motion between two postures that starts at ``start_s``, after a pause."""
 
     start_s: float
     move: JointMove
@@ -133,14 +128,9 @@ def plan_excitation(
 
     Postures are drawn within the limits, with room around the body and free paths between them. Of
     several candidates, the one that adds most information about the masses is taken (D-optimality).
-    The tour runs at the speed ``slow`` back and forth, because friction is the difference between
-    both directions, and a part of it more slowly.
-
-    Args:
-        context: The arm.
-        dynamics: The dynamics of its chain.
-        start: The joints (n,) at which the tour starts and ends, rad or m.
-        options: The length of the tour.
+    The tour runs at the speed ``slow`` back and forth, because friction shows as the difference
+    between both directions; a part of the tour is repeated more slowly. It starts and ends at the
+    joints ``start`` (n,), rad or m.
 
     Raises:
         RefusedError: There is no free path from the start to any posture.
@@ -193,7 +183,7 @@ def _draw_postures(
 
 
 def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) -> list[Vector]:
-    """Return reachable postures (n,) between which joints swing one by one; empty without room.
+    """Return reachable postures (n,) between which joints swing one by one; empty if none fit.
 
     Gears cross their backlash where the load changes its sign. Gravity does not load the joints of
     an upright arm, whatever its links weigh.
@@ -275,7 +265,7 @@ class _FreeSpace:
         return lower + margin, upper - margin
 
     def is_way_free(self, start: Vector, goal: Vector) -> bool:
-        """Check whether the arm may move between two postures (n,), there and back."""
+        """Check whether the arm may move from one posture (n,) to another and back."""
         path = self.context.interpolate_joints(start, goal)[::_PATH_STEP]
         torques = np.abs(self.dynamics.gravity_torques(self.context.index.chain_joints(path)))
         if (torques > self.max_torque).any():

@@ -1,4 +1,4 @@
-"""Health of an arm's servos over time: one record per measurement, and changes.
+"""Health of an arm's servos over time: a record of each measurement, and signs of wear.
 
 ``health/<arm>-<adapter>.jsonl`` in the user's folder has a line per run of `ikservo monitor` and
 `ikservo identify`. Wear shows as backlash or friction that rises by more than the uncertainty of
@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from ikservo.apps.lab.identification import Identification
+from ikservo.apps.lab.parameter_estimation import Identification
 from ikservo.calibration.records import Name
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir, read_text
@@ -42,8 +42,8 @@ class JointHealth(StrictModel):
     temperature_c: Finite | None = Field(default=None, description="°C, the hottest reading")
     voltage_v: Finite | None = Field(default=None, description="V, the lowest reading")
     load: Finite | None = Field(default=None, description="the largest fraction of the full load")
-    requests: Count = Field(default=0, description="requests to the servo")
-    lost: Count = Field(default=0, description="requests without a usable reply")
+    requests: Count = Field(default=0, description="the number of requests to the servo")
+    lost: Count = Field(default=0, description="the number of requests without a usable reply")
     backlash_rad: Finite | None = Field(default=None, description="rad")
     backlash_error_rad: Finite | None = Field(default=None, description="its standard error")
     friction_nm: Finite | None = Field(default=None, description="N m, from rest")
@@ -55,7 +55,7 @@ class HealthRecord(StrictModel):
 
     format: Literal[1] = Field(default=1, description="1")
     written: datetime = Field(strict=False, description="a date and time with UTC offset")
-    source: Literal["monitor", "identify"] = Field(description="the command")
+    source: Literal["monitor", "identify"] = Field(description="monitor or identify")
     joints: tuple[JointHealth, ...] = Field(strict=False, description="a list of objects")
 
 
@@ -208,7 +208,7 @@ def changes_of(records: Sequence[HealthRecord]) -> list[Change]:
     """Return significant rises from the earlier measurements to the latest.
 
     Each joint's backlash and friction are compared with the weighted mean of earlier values. A rise
-    counts if it exceeds three standard errors; then one report in fifty on six joints is wrong.
+    counts if it exceeds three standard errors; for six joints, one report in fifty is then wrong.
     """
     names = dict.fromkeys(joint.name for record in records for joint in record.joints)
     changes = (_change(records, name, key) for name in names for key in _REPEATS)

@@ -21,13 +21,12 @@ from ikservo.apps.lab.health_log import (
     identified_health,
     read_records,
 )
-from ikservo.apps.lab.identification import Identification, ParameterEstimate
+from ikservo.apps.lab.parameter_estimation import Identification, ParameterEstimate
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration.identified_file import save_identified
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection
-from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import (
     format_port,
     print_json,
@@ -36,6 +35,7 @@ from ikservo.cli.terminal import (
     print_table,
     progress_bar,
 )
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.files.writing import check_writable
 from ikservo.model.identified_drives import body_joints
 from ikservo.planning.reports import MotionProgress
@@ -132,7 +132,7 @@ def record_tour(run: IdentificationRun) -> DriveRecording:
 
 def _print_report(found: Identification, carried: dict[str, str], path: Path | None) -> None:
     print_table(
-        ["joint", "stiffness", "friction", "of load", "backlash", "mass"],
+        ["joint", "stiffness", "friction", "load friction", "backlash", "mass"],
         [_row(found, name, carried[name]) for name in found.joints],
     )
     print_lines(

@@ -120,7 +120,7 @@ def place_cube(arm: OpenArm) -> IsoCube:
 
 
 def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
-    """Check whether the arm reaches the whole cube in one branch and with its clearance.
+    """Check whether the arm reaches the whole cube in one IK branch and with enough clearance.
 
     The body must be clear if the tool keeps its orientation, as in motions. The orientation
     depends on the earlier motion, so the cube is visited twice.
@@ -135,7 +135,7 @@ def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
     clearance_m = min(_CLEARANCE_M, _OF_HOME * arm.clearance_m(everything))
     q = home
     for point_m in np.concatenate([cube.lattice_m(), cube.lattice_m()]):
-        q = solve_with_orientation(arm.chain, tool, Target(point_m), KEEP_BEST_EFFORT, q).solution.q
+        q = solve_with_orientation(arm.chain, tool, Target(point_m), KEEP_BEST_EFFORT, q).q
         if arm.clearance_m(arm.joint_index.with_chain(everything, q)) < clearance_m:
             return False
     return True

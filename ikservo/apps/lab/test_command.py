@@ -17,16 +17,15 @@ from ikservo.apps.lab.accuracy_report import (
     statements,
     summary_rows,
     touched_fields,
+    touched_poses,
 )
 from ikservo.apps.lab.accuracy_test import PARTS, AccuracyTest, TestSettings
-from ikservo.apps.lab.touched_accuracy import touched_poses
 from ikservo.arm import ZeroSource
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection, PointsOption
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,
     print_json,
@@ -36,6 +35,7 @@ from ikservo.cli.terminal import (
     progress_bar,
 )
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.files.writing import FileWriteError, check_writable, write_atomic
 from ikservo.model import Model
@@ -144,7 +144,7 @@ def command(
         test = AccuracyTest(machine, settings)
         print_status(
             f"{machine.model.title} on {format_port(machine.port_name)}: it moves fast in a cube "
-            f"of {1000 * test.cube.edge_m:.0f} mm about {format_point(test.cube.center_m)}."
+            f"of {1000 * test.cube.edge_m:.0f} mm, centred at {format_point(test.cube.center_m)}."
         )
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)

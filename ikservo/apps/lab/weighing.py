@@ -5,8 +5,8 @@ from __future__ import annotations
 from ikservo.apps.lab.arm_identification import IdentificationRun
 from ikservo.apps.lab.identify_command import announce_tour, record_tour
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import ArmConnection, MotionOptions
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 
 

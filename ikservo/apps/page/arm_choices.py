@@ -61,12 +61,8 @@ class ArmChoices:
         }
 
 
-def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
-    """Find the present choices; open no port.
-
-    Args:
-        given: Arms and ports that the command line has named.
-    """
+def find_choices(given: Sequence[ArmAtPort] = (), port: str | None = None) -> ArmChoices:
+    """Find the present choices, with the arms and ports of the command line; open no port."""
     models = {model.name: model for model in _load_each(arm_names())}
     models |= {place.model.name: place.model for place in given}
     adapters = list_adapters()
@@ -74,7 +70,7 @@ def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
     for adapter in adapters:
         user = f", used by {adapter.used_by}" if adapter.used_by else ""
         ports[adapter.device] = f"{adapter.chip}{user}"
-    named = {place.port for place in given if place.port} - set(ports)
+    named = {each for each in (*(place.port for place in given), port) if each} - set(ports)
     ports |= dict.fromkeys(sorted(named), "")
     own = [row for name in models for row in _own_arms(name, adapters)]
     return ArmChoices(models, {**ports, _SIMULATED: "simulated arm, no hardware"}, own)
@@ -118,13 +114,14 @@ class ChoiceFinder:
 
     Args:
         given: Arms and ports that the command line has named.
+        port: A port that it has named without an arm.
 
     Attributes:
         found: The latest choices, replaced as a whole.
     """
 
-    def __init__(self, given: Sequence[ArmAtPort] = ()) -> None:
-        self._given = tuple(given)
+    def __init__(self, given: Sequence[ArmAtPort] = (), port: str | None = None) -> None:
+        self._given, self._port = tuple(given), port
         self._folders: tuple[Path, ...] = ()
         self.found = ArmChoices()
         self._thread: threading.Thread | None = None
@@ -148,4 +145,4 @@ class ChoiceFinder:
 
     def _look(self) -> None:
         own = [ArmAtPort(model) for model in _load_each(self._folders)]
-        self.found = find_choices([*self._given, *own])
+        self.found = find_choices([*self._given, *own], self._port)

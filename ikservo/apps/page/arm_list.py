@@ -12,12 +12,13 @@ from ikservo.apps.page.arm_choices import ChoiceFinder
 from ikservo.apps.page.dragging.labels import STOP_TEXTS
 from ikservo.apps.page.messages.message_fields import Name, PageMessage, StopInput
 from ikservo.apps.page.messages.page_messages import BadMessageError, Heartbeat, validate_message
-from ikservo.apps.page.panels.new_arm_panel import (
-    AnswerNewArm,
-    CancelNewArm,
-    NewArmPanel,
+from ikservo.apps.page.panels.dialogue_panel import (
+    AnswerDialogue,
+    DialoguePanel,
+    LeaveDialogue,
     StartNewArm,
 )
+from ikservo.apps.page.panels.dialogue_process import CheckServos, SetUpServos
 from ikservo.apps.page.panels.video import VIDEO_TYPE
 from ikservo.apps.page.served_arms import ServedArms
 from ikservo.apps.page.server.auth import Permission
@@ -39,6 +40,14 @@ class OpenChoice(PageMessage):
     """Open an offered arm at an offered port."""
 
     kind: Literal["open_arm"]
+    arm: Choice
+    port: Choice
+
+
+class StartServoTask(PageMessage):
+    """Set up or check the servos of an offered arm, or find any servos, at an offered port."""
+
+    kind: Literal["set_up_servos", "check_servos", "find_servos"]
     arm: Choice
     port: Choice
 
@@ -73,8 +82,9 @@ ArmListMessage = (
     | ShowCamera
     | StopArms
     | StartNewArm
-    | AnswerNewArm
-    | CancelNewArm
+    | StartServoTask
+    | AnswerDialogue
+    | LeaveDialogue
 )
 _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
     Annotated[ArmListMessage, Field(discriminator="kind")]
@@ -91,15 +101,7 @@ def read_arm_list_message(text: str) -> ArmListMessage:
 
 
 class ArmList:
-    """Shows the arms to every client; clients that may move an arm may open, stop and close arms.
-
-    Args:
-        arms: The arms.
-        choices: Finds arms and ports that can be opened.
-        clock: Limits the rate of frames.
-        downloads: Issues the addresses of the camera pictures.
-        new_arm: Makes the folder of a new arm.
-    """
+    """Shows the arms to every client; clients that may move an arm may open and close arms."""
 
     def __init__(
         self,
@@ -107,9 +109,9 @@ class ArmList:
         choices: ChoiceFinder,
         clock: Clock,
         downloads: DownloadOffers,
-        new_arm: NewArmPanel | None = None,
+        dialogues: DialoguePanel | None = None,
     ) -> None:
-        self._new_arm = new_arm or NewArmPanel(Path())
+        self._dialogues = dialogues or DialoguePanel(Path())
         self._arms, self._choices, self._clock = arms, choices, clock
         self._downloads = downloads
         self._addresses: dict[int, list[Frame]] = {}
@@ -156,14 +158,26 @@ class ArmList:
                 self._arms.start_opening(self._choices.found.choose(message.arm, message.port))
             case CloseArm():
                 self._arms.start_closing(message.name)
-            case StartNewArm():
-                if message.port:
-                    self._choices.found.check_port(message.port)
-                self._new_arm.start(message)
-            case AnswerNewArm():
-                self._new_arm.answer(message)
-            case CancelNewArm():
-                self._new_arm.close()
+            case StartNewArm() | StartServoTask():
+                self._start_dialogue(message)
+            case AnswerDialogue():
+                self._dialogues.answer(message)
+            case LeaveDialogue():
+                self._dialogues.close()
+
+    def _start_dialogue(self, message: StartNewArm | StartServoTask) -> None:
+        if isinstance(message, StartNewArm):
+            if message.port:
+                self._choices.found.check_port(message.port)
+            self._dialogues.start_new_arm(message)
+            return
+        place = self._choices.found.choose(message.arm, message.port)
+        self._arms.check_free(place)
+        if message.kind == "set_up_servos":
+            self._dialogues.start(SetUpServos(place.model.path, message.port))
+        else:
+            any_servos = message.kind == "find_servos"
+            self._dialogues.start(CheckServos(place.model.path, message.port, any_servos))
 
     def _stop_arms(self, message: StopArms) -> None:
         if message.by != "button":
@@ -176,7 +190,7 @@ class ArmList:
             )
         self._arms.stop(message.name, by)
         if message.name is None:
-            self._new_arm.stop_servos()
+            self._dialogues.stop_servos()
 
     def frames(self, client_id: int) -> list[Frame]:
         """Return the new frames for a client: the list, and the address of camera pictures."""
@@ -185,11 +199,11 @@ class ArmList:
         sent_s, sent = self._sent.get(client_id, (-1e9, None))
         if now_s - sent_s < _PERIOD_S:
             return addresses
-        self._choices.add_folders(self._new_arm.read())
+        self._choices.add_folders(self._dialogues.read())
         may_control = self._permissions[client_id] is Permission.CONTROL
         frame = {
             "kind": "arms",
-            "new_arm": self._new_arm.fields() if may_control else None,
+            "dialogue": self._dialogues.fields() if may_control else None,
             "permission": self._permissions[client_id].value,
             "arms": [arm.fields() for arm in self._arms.all()],
             "cameras": self._arms.camera_names,

@@ -16,7 +16,7 @@ from typing import Any
 from ikservo.apps.page.arm_choices import ChoiceFinder
 from ikservo.apps.page.arm_list import ArmList, read_arm_list_message
 from ikservo.apps.page.messages.page_messages import read_message
-from ikservo.apps.page.panels.new_arm_panel import NewArmPanel
+from ikservo.apps.page.panels.dialogue_panel import DialoguePanel
 from ikservo.apps.page.panels.page_cameras import PageCameras
 from ikservo.apps.page.panels.servo_bench import ServoBench, read_bench_message
 from ikservo.apps.page.served_arms import ArmAtPort, ServedArms, ViewSettings
@@ -91,6 +91,7 @@ class ViewApp:
         cameras: See ``PageCameras``.
         camera_name: See ``PageCameras``.
         servos: The port of the servos that the page shows instead of arms, and their arm.
+        offered_port: A port that the list of arms offers besides those that it finds.
     """
 
     def __init__(
@@ -106,11 +107,12 @@ class ViewApp:
         cameras: Sequence[str] = (),
         camera_name: str = "",
         servos: tuple[str, Model | None] | None = None,
+        offered_port: str | None = None,
     ) -> None:
         ports = [place.port or os.environ.get("IKSERVO_PORT", "") for place in places]
-        for port in [*ports, *(servos or ())[:1]]:
+        for port in [*ports, *(servos or ())[:1], offered_port or ""]:
             refuse_other_machines(port)
-        self._servos = servos
+        self._servos, self._offered_port = servos, offered_port
         self._places = places
         self._listen, self._http = _check_address(listen), http
         self._is_local = ipaddress.ip_address(self._listen).is_loopback
@@ -146,10 +148,10 @@ class ViewApp:
             if self._servos is not None:
                 self._bench = ServoBench(*self._servos, downloads)
                 stack.callback(self._bench.close)
-            new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
-            stack.callback(new_arm.close)
-            choices = ChoiceFinder(self._places)
-            arm_list = ArmList(self.arms, choices, clock, downloads, new_arm)
+            dialogues = DialoguePanel(Path.cwd(), is_local=self._is_local)
+            stack.callback(dialogues.close)
+            choices = ChoiceFinder(self._places, self._offered_port)
+            arm_list = ArmList(self.arms, choices, clock, downloads, dialogues)
             index = "index.html" if self._servos is None else "servos.html"
             self._app = make_app(self._channels(arm_list), self.keys, clock, downloads, index)
             stack.enter_context(low_jitter())

@@ -9,10 +9,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
 
-from ikservo.apps.page.controller import SessionController
 from ikservo.apps.page.dragging.snapshot import StopNotice
-from ikservo.apps.page.frames import mode
+from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
+from ikservo.apps.page.page_updates import mode
 from ikservo.apps.page.panels.follow_panel import FindArm
 from ikservo.apps.page.panels.page_cameras import ArmCameras, PageCameras
 from ikservo.apps.page.panels.video import VideoSource
@@ -80,12 +80,7 @@ class ViewSettings:
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return the names of arms on a page: the name of the model, numbered from the second arm on.
-
-    Args:
-        models: The names of their models, in the order of opening.
-        taken: The names of arms that are open already.
-    """
+    """Return the names of arms on a page: the model's, numbered from the second arm on."""
     names, known = list[str](), set(taken)
     for stem in models:
         numbered = (f"{stem}-{i}" for i in itertools.count(2))
@@ -189,10 +184,7 @@ class ServedArm:
     ) -> None:
         """Make this arm and another arm of the page obstacles to each other.
 
-        Args:
-            name: The other arm.
-            at_m: The origin of its base frame (3,) in that of this arm.
-            rpy_deg: Roll, pitch and yaw of its base frame there.
+        ``at_m`` and ``rpy_deg`` place its base frame in that of this arm.
 
         Raises:
             InputError: No other arm of that name is open, or it is moving.
@@ -298,11 +290,7 @@ class ServedArm:
 
 
 class ServedArms:
-    """Opens, stops and closes the arms of one page; only the server's thread may call it.
-
-    Args:
-        settings: The settings that all arms share.
-    """
+    """Opens, stops and closes the arms of one page; only the server's thread may call it."""
 
     def __init__(self, settings: ViewSettings) -> None:
         self._settings = settings
@@ -347,19 +335,27 @@ class ServedArms:
             for each in arm.place.other_arms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
+    def check_free(self, place: ArmAtPort) -> None:
+        """Check that no open arm uses a port, and forget failed attempts to open one there.
+
+        Raises:
+            BadMessageError: The port is already in use here.
+        """
+        for other in self.all():
+            if other.place.port != place.port:
+                continue
+            if other.state is ServedArmState.FAILED:
+                del self._arms[other.name]
+            elif place.port is not None and not is_simulated(place.port):
+                raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
+
     def start_opening(self, place: ArmAtPort) -> None:
         """Open an arm in a separate thread; ``all`` shows its state.
 
         Raises:
             BadMessageError: The port is already in use here, or there are too many arms.
         """
-        for other in self.all():
-            if other.place.port != place.port:
-                continue
-            if other.state is ServedArmState.FAILED:
-                del self._arms[other.name]  # forget the failed attempt
-            elif place.port is not None and not is_simulated(place.port):
-                raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
+        self.check_free(place)
         if len(self._arms) >= _MAX_ARMS:
             raise BadMessageError(f"{_MAX_ARMS} arms are open.", "Close one of them first.")
         arm = self._add(place)

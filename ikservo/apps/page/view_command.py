@@ -20,9 +20,9 @@ import typer
 from ikservo.apps.cameras.camera_command import CameraNameOption, check_camera_name
 from ikservo.cli.completion import complete_arms
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import warn_uncompiled
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection
-from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 _NEEDS = ("starlette", "uvicorn", "websockets")
 _TLS_NEEDS = ("cryptography", "segno")
-_LISTEN_HELP = "IP address of the panel; any address but loopback serves the network, over TLS."
+_LISTEN_HELP = "IP address of the panel; any but a loopback address serves the network, over TLS."
 
 Arms = Annotated[
     list[str] | None,
@@ -122,7 +122,7 @@ def command(
         places = _among_things(places, scene)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
                   uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
-                  servos=bench)  # fmt: skip
+                  servos=bench, offered_port=connection.port)  # fmt: skip
     with exiting_on_signals(), app as urls:  # moving arms brake, and writes are finished
         print_status("To control the arm:")
         sys.stderr.flush()  # prints the label before the URL
@@ -136,7 +136,7 @@ def command(
         if bench is None:
             _print_arms(app, has_camera=bool(camera or camera_name))
             warn_uncompiled()
-        print_status("Ctrl-C ends; torque does not change.")
+        print_status("Ctrl-C ends the panel; torque does not change.")
         sys.stdout.flush()
         has_display = sys.platform != "linux" or bool(
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
@@ -157,7 +157,8 @@ def _bench_from_options(
     """
     if arms or camera:
         raise InputError(
-            "--servos opens no arms or cameras.", "Leave them out; --arm names the servos' arm."
+            "--servos does not open arms or cameras.",
+            "Leave them out; --arm names the servos' arm.",
         )
     model = model_from_option(connection.arm) if connection.arm else None
     port = choose_port(connection.port, model.name if model else "")
@@ -173,12 +174,12 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
     """
     from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # --help does not need it
 
-    if not arms and not arm and not port:
-        return []
     simulated = (port or "").partition(":")[0] == "sim"
+    if not arms and not arm and not simulated:
+        return []  # a port is offered on the page
     if arms and arm and arm != os.environ.get("IKSERVO_ARM"):
         raise InputError(
-            f"--arm {arm} is given besides {' '.join(arms)}.", "Name all arms without --arm."
+            f"Both --arm {arm} and {' '.join(arms)} are given.", "Name all arms without --arm."
         )
     named = arms or [arm or ("so101" if simulated else "")]
     pairs = [(name, own) for name, _, own in (each.partition("=") for each in named)]
@@ -207,7 +208,7 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
     for each in arms:
         if each.name not in names:
             raise InputError(
-                f"{scene} has another arm, {each.name}, which is not opened.",
+                f"{scene} also has the arm {each.name}, which is not being opened.",
                 f"Open that arm as well, as in: ikservo view "
                 f"{' '.join([*names, each.arm or each.name])}",
             )
@@ -215,7 +216,7 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
     if len(around) != 1:
         named = " that it does not name" if arms else ""
         raise InputError(
-            f"--scene {scene} belongs to one arm{named}, not to {len(around)}.",
+            f"--scene {scene} needs exactly one arm{named}, not {len(around)}.",
             "The file uses the base frame of one arm: open only that arm with it and the others "
             "on the page, or add the others to the file as [[arm]].",
         )
@@ -233,7 +234,7 @@ def _print_arms(app: ViewApp, *, has_camera: bool) -> None:
     served = app.arms.all()
     if not served:
         shown = " The page then shows the camera's picture." if has_camera else ""
-        print_status(f"No arm is open. Choose one on the page; that moves nothing.{shown}")
+        print_status(f"No arm is open. Choose one on the page; this does not move it.{shown}")
     for each in served:
         if each.error is not None:
             print_status(f"{each.name}: {each.error.message}\n{each.error.hint}")

@@ -52,12 +52,7 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class ArmAddress:
-    """The address of an arm.
-
-    Attributes:
-        name: The name under which it is served.
-        endpoint: The endpoint at which it is served.
-    """
+    """The name under which an arm is served, and the endpoint."""
 
     name: str
     endpoint: Endpoint
@@ -69,6 +64,15 @@ class ArmAddress:
         if protocol == self.endpoint.protocol:
             place = place.partition("/")[2]
         return f"{SCHEME}:{self.name}@{place.removesuffix(f':{DEFAULT_PORT}')}"
+
+    def from_other_machines(self) -> ArmAddress:
+        """Return the address, with this machine's name if the endpoint is a wildcard."""
+        import platform  # noqa: PLC0415  # rarely needed
+
+        endpoint = self.endpoint
+        if endpoint.host not in ("0.0.0.0", "::"):  # noqa: S104
+            return self
+        return ArmAddress(self.name, Endpoint(endpoint.protocol, platform.node(), endpoint.port))
 
 
 def listens(endpoint: Endpoint) -> bool:
@@ -145,7 +149,7 @@ def parse_listen(text: str) -> Endpoint:
     endpoint = Endpoint(_check_protocol(protocol, text), host, port)
     if endpoint.protocol == "tcp" and not endpoint.is_loopback:
         raise InputError(
-            f"Without certificates an arm is served to this machine only, not at {text}.",
+            f"Without certificates, an arm can be served only to this machine, not at {text}.",
             f"Make certificates: ikservo net keys. Then serve the arm at tls/{place}.",
         )
     return endpoint

@@ -129,7 +129,7 @@ class ArmServer:
         if self._closing.is_set():
             return
         self._closing.set()
-        self.service.close("The program that serves the arm was ended.")
+        self.service.close("The program that served the arm has ended.")
         self._stack.close()
 
     # requests

@@ -91,15 +91,10 @@ class _Signed:
 
 
 def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) -> list[Path]:
-    """Make an authority, and a folder with a certificate for each role.
+    """Make an authority, and a folder with a certificate for each role; return the folders.
 
-    Args:
-        folder: The parent of the folders ``authority``, ``server``, ``operator`` and ``watcher``.
-        hosts: The names and addresses of the server; this machine is always included.
-        overwrite: Whether to replace earlier certificates, which then become useless.
-
-    Returns:
-        The folders.
+    They are ``authority``, ``server``, ``operator`` and ``watcher``. This machine is always one of
+    the server's hosts. Earlier certificates that are overwritten become useless.
 
     Raises:
         InputError: There are already certificates, or a host is not valid.
@@ -234,9 +229,6 @@ def access_control(name: str) -> Mapping[str, object]:
 
     A watcher may ask for states and stop the arm; an operator may also drive it. Only the server
     may publish news and answer requests.
-
-    Args:
-        name: The name under which the arm is served.
     """
     watching = [keys.watch(name, "*"), keys.watch("*", "*"), keys.stop(name), keys.stop("*")]
     driving = [keys.drive(name, "*")]

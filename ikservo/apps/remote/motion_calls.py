@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
-from ikservo.apps.remote.connection import Connection, PendingCall
+from ikservo.apps.remote.client_connection import Connection, PendingCall
 from ikservo.apps.remote.plan_fields import PathSamples, plan_from_fields
 from ikservo.apps.remote.wire_messages import parse_result
 from ikservo.arguments import check_callable
@@ -23,9 +23,6 @@ _STOP_TIMEOUT_S = 5.0
 
 class MotionCalls:
     """Requests plans and motions from the server of an arm.
-
-    Args:
-        connection: The connection to the server.
 
     Attributes:
         stop_request: Stops the arm, and knows which motions were requested before a stop.
@@ -59,10 +56,7 @@ class MotionCalls:
     ) -> object:
         """Wait for the end of a motion; a signal or an error of the caller stops it.
 
-        Args:
-            pending: The motion.
-            go_on: Called periodically while waiting.
-            poll_s: Time between two of these calls.
+        ``go_on`` is called periodically while waiting.
 
         Raises:
             IkservoError: The error of the motion.
@@ -114,9 +108,6 @@ class MotionCalls:
 
 class RemoteStopRequest(StopRequest):
     """The stops of an arm on another machine, which performs and counts them.
-
-    Args:
-        connection: The connection to that machine.
 
     Attributes:
         count_here: The number of stops by this program, not counting cancelled motions.

@@ -39,9 +39,12 @@ def keys(
         print_json("net-keys", folders=[str(path) for path in made], hosts=host or [])
         return
     print_lines([str(path) for path in made])
-    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
-    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
-    print_status("Keep the folder authority secret: anyone who has it can make operator keys.")
+    print_status(f"Copy the folder for its role to each machine, as {keys_folder()}:")
+    print_status(
+        "Use server on the machine with the arm, operator on a machine that drives it, watcher on "
+        "a machine that only watches it."
+    )
+    print_status("Keep the authority folder secret: anyone who has it can make operator keys.")
 
 
 def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:
@@ -61,4 +64,4 @@ def acknowledge(*, port: PortOption = None, json: JsonOption = False) -> None:
     if json:
         print_json("net-acknowledge", arm=before.arm, reason=reason)
     else:
-        print_lines([f"acknowledged  {reason}" if reason else "it was not stopped"])
+        print_lines([f"acknowledged  {reason}" if reason else "the arm was not stopped"])

@@ -143,10 +143,7 @@ def plan_from_fields(
 ) -> MotionPlan:
     """Make a plan that is kept by a server, with a path that is fetched when needed.
 
-    Args:
-        fields: The fields that ``PlanRegistry.add`` returned on the server.
-        motion: The motion that was planned.
-        fetch: Function that returns the samples of a plan by its id.
+    The fields are from ``PlanRegistry.add`` on the server; ``fetch`` returns samples by plan id.
 
     Raises:
         IkservoError: The fields are from another version.

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeVar, get_args
 
 from numpy.typing import ArrayLike
 
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.plan_fields import RemoteTrajectory
 from ikservo.apps.remote.remote_description import RemotePoses, describe, described_chain
@@ -41,9 +41,8 @@ from ikservo.errors import BadValueError, PortError, RefusedError, StoppedError,
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.planning.motion_plan import PoseWithinLimits
 from ikservo.planning.motions import MotionValue, check_motion, motion_fields
-from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.poses import PoseLibrary, PoseWithinLimits
 from ikservo.planning.reports import FollowResult, JogResult, OnProgress
 
 R = TypeVar("R")
@@ -167,7 +166,7 @@ class RemoteArm(MotionMethods):
             RefusedError: Always.
         """
         raise RefusedError(
-            f"Opening the port again, within {within_s:g} s, works only on the arm's computer.",
+            f"Reopening the port within {within_s:g} s works only on the arm's computer.",
             f"Run the program on {self._connection.address.endpoint.host}.",
         )
 

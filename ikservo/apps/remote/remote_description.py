@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.wire_messages import ServedPoses, parse_result
 from ikservo.arm import ZeroSource
 from ikservo.arm.result_json import decode_fields

@@ -73,11 +73,7 @@ def stop_listed_machines() -> StopAllResult:
 
 
 def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
-    """Stop the arms of a machine; repeat for arms that have not confirmed the stop.
-
-    Args:
-        host: The host that serves the arms.
-        name: The name of the arm; if not given, every arm on that machine.
+    """Stop one arm or all arms of a machine; repeat for arms that have not confirmed the stop.
 
     Returns:
         The arms that have confirmed the stop, and an error for each arm that has not, or for the
@@ -151,7 +147,7 @@ class _MachineStop:
             return self._unreached
         what = f"{name} at {self._host}" if name else str(self._host)
         return PortError(
-            f"The stop of {what} was not confirmed: it does not answer.",
+            f"The stop of {what} was not confirmed, because it does not answer.",
             "If the arm moves, switch off its power.",
         )
 

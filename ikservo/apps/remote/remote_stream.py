@@ -7,7 +7,7 @@ from collections.abc import Generator, Iterable, Mapping
 
 from numpy.typing import ArrayLike
 
-from ikservo.apps.remote.connection import Connection, PendingCall
+from ikservo.apps.remote.client_connection import Connection, PendingCall
 from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.wire_messages import StreamCounts, TargetFields, parse_result
 from ikservo.arguments import parse_period_s
@@ -60,7 +60,7 @@ class RemoteStream:
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        """Brake and hold; raise the stream's error, unless the block raised one itself."""
+        """Brake and hold; raise the stream's error, unless the ``with`` block raised one."""
         pending = self._require_pending()
         end_s = time.monotonic() + _CLOSE_TIMEOUT_S
         while not pending.done and time.monotonic() < end_s:  # the server drops later goals
@@ -119,7 +119,7 @@ def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object
 def next_items(
     clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
 ) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
-    """Yield an item once per period, and whether the stream has ended; repeat the end forever."""
+    """Yield an item per period, and whether ``targets`` have ended; then None and True forever."""
     items = iter(targets)
     for _ in Rate(clock, period_s):
         try:

@@ -72,7 +72,9 @@ class RequestQueue:
                     )
                 self._check(request, service)
             if not self._free.acquire(blocking=False):
-                raise RefusedError("The arm has too many requests.", "Nothing was sent. Try again.")
+                raise RefusedError(
+                    "The arm has too many requests.", "The request was not executed. Try again."
+                )
         except IkservoError as error:
             self._reply(query, service, encode_failure(error))
             return

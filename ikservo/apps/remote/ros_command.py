@@ -15,11 +15,11 @@ from ikservo.apps.remote.ros.wire import MAX_DOMAIN, check_namespace
 from ikservo.apps.remote.serve_command import ended_by_signal
 from ikservo.apps.remote.zenoh_session import open_router_client
 from ikservo.arm import OpenArm
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, NamedArmConnection, SpeedOption
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import BadValueError, shown
 
 _ROUTER_PORT = 7447
@@ -36,7 +36,7 @@ Router = Annotated[
     typer.Option("--router", metavar="ENDPOINT", help="Endpoint of rmw_zenohd."),
 ]
 Namespace = Annotated[
-    str, typer.Option("--namespace", help="Prefix of all names, for example left.")
+    str, typer.Option("--namespace", help="Prefix of all topic and service names, such as left.")
 ]
 Rate = Annotated[
     float,

@@ -11,18 +11,18 @@ from typing import Annotated
 
 import typer
 
-from ikservo.apps.remote.address import ArmAddress, Endpoint, check_arm_name, parse_listen
+from ikservo.apps.remote.address import ArmAddress, check_arm_name, parse_listen
 from ikservo.apps.remote.arm_server import ArmServer
 from ikservo.apps.remote.certificates import access_control, server_certificate
 from ikservo.apps.remote.zenoh_session import open_server
 from ikservo.arm import Arm
 from ikservo.arm.networks import find_network
 from ikservo.arm.opening import open_own_arm
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, NamedServoConnection, SceneOption
 from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import InputError
 from ikservo.model.scene_file import with_scene
 
@@ -94,24 +94,14 @@ def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
             arm=machine.model.name,
             port=format_port(machine.port_name),
             endpoint=str(address.endpoint),
-            address=str(_reachable(address)),
+            address=str(address.from_other_machines()),
         )
         return
     print_status(
         f"{machine.model.title} on {format_port(machine.port_name)} is served at "
         f"{address.endpoint}; press Ctrl-C to end."
     )
-    print_status(f"From the other machine: --port {_reachable(address)}")
-
-
-def _reachable(address: ArmAddress) -> ArmAddress:
-    """Return the address, with this machine's name if the endpoint is a wildcard."""
-    import platform  # noqa: PLC0415  # rarely needed
-
-    endpoint = address.endpoint
-    if endpoint.host not in ("0.0.0.0", "::"):  # noqa: S104
-        return address
-    return ArmAddress(address.name, Endpoint(endpoint.protocol, platform.node(), endpoint.port))
+    print_status(f"From the other machine: --port {address.from_other_machines()}")
 
 
 @contextmanager

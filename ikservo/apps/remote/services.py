@@ -95,13 +95,7 @@ class InPose(Arguments):
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """A service of a served arm.
-
-    Attributes:
-        arguments: The schema of its arguments.
-        method: The method of the arm that runs it.
-        reports_progress: Whether the method takes ``on_progress``.
-    """
+    """A service of a served arm; if it reports progress, its method takes ``on_progress``."""
 
     arguments: type[Arguments]
     method: Callable[..., object]

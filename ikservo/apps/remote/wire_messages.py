@@ -246,11 +246,7 @@ def result_of(data: bytes) -> object:
 
 
 def parse_result(kind: type[T], result: object) -> T:
-    """Return a result after checking its type.
-
-    Args:
-        kind: One of ``RESULT_TYPES``, or another type that pydantic can check.
-        result: The decoded result.
+    """Return a decoded result after checking its type, one of ``RESULT_TYPES`` or any for pydantic.
 
     Raises:
         IkservoError: The result has another type, so the other end is another version.

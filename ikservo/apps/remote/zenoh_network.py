@@ -6,7 +6,7 @@ import os
 
 from ikservo.apps.remote.address import ArmAddress, Endpoint, parse_address, parse_host
 from ikservo.apps.remote.certificates import client_certificate
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.remote_arm import RemoteArm
 from ikservo.apps.remote.remote_stop import FLEET_VARIABLE, stop_address, stop_listed_machines
 from ikservo.arm import OnExit, OpenArm

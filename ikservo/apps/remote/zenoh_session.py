@@ -33,13 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The files of a certificate.
-
-    Attributes:
-        authority: The certificate of the authority that both ends trust.
-        certificate: The certificate of this end.
-        key: The private key of this end.
-    """
+    """The files of this end's certificate and private key, and of the authority that both trust."""
 
     authority: Path
     certificate: Path
@@ -50,12 +44,7 @@ class Certificate:
 def open_server(
     listen: Endpoint, certificate: Certificate | None, access: Mapping[str, object] | None
 ) -> Generator[zenoh.Session]:
-    """Listen at an endpoint; the session is closed at the end of the block.
-
-    Args:
-        listen: The endpoint.
-        certificate: The certificate of the server; needed for TLS.
-        access: Zenoh's access control; needed for TLS.
+    """Listen at an endpoint in the ``with`` block; TLS needs a certificate and access control.
 
     Raises:
         PortError: The endpoint is in use, or the certificate cannot be used.
@@ -106,7 +95,7 @@ def open_router_client(
     config = _client_settings([router], certificate)
     config |= {"mode": "client", "timestamping/enabled": True}  # a publisher's cache needs it
     hint = "Start it: ros2 run rmw_zenoh_cpp rmw_zenohd. Elsewhere: --router tcp/HOST:7447"
-    with _opened(config, f"No Zenoh router of ROS 2 at {router}", hint) as session:
+    with _opened(config, f"No ROS 2 Zenoh router found at {router}", hint) as session:
         yield session
 
 
@@ -207,7 +196,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
         elif "in use" in reason:
             reason = "the address is in use"
         why, remedy = _why_unreachable(settings) or (reason, hint)
-        raise PortError(f"{what}: {why}.", remedy) from None
+        raise PortError(f"{what}: {why}.", remedy or hint) from None
     try:
         yield session
     finally:
@@ -216,7 +205,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return the reason why the only endpoint is unreachable, and a hint; None if unknown.
+    """Return why the only endpoint is unreachable, and a hint or nothing; None if unknown.
 
     Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """
@@ -233,13 +222,13 @@ def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
     except socket.gaierror:
         return f"there is no machine named {host}", "Check its name, or give its IP address."
     except ConnectionRefusedError:
-        return "nothing listens there", "Start it on that machine: ikservo serve"
+        return "nothing listens there", ""
     except OSError:
         return None
     if protocol == "tls" and not speaks_tls:
-        return "it is served there without TLS", f"Name it with tcp/ before the host: tcp/{host}"
+        return "arms are served there without TLS", f"Write tcp/ before the host: tcp/{host}"
     if protocol == "tcp" and speaks_tls:
-        return "it is served there with TLS", f"Name it with tls/ before the host: tls/{host}"
+        return "arms are served there with TLS", f"Write tls/ before the host: tls/{host}"
     return None
 
 

@@ -100,7 +100,9 @@ def export_dataset(
         InputError: No recording or no folder is given.
     """
     if not recordings:
-        raise InputError("No recording is given.", "Name them: ikservo export dataset wave.jsonl")
+        raise InputError(
+            "No recording is given.", "Name one or more: ikservo export dataset wave.jsonl"
+        )
     if to is None:
         raise InputError("No folder is given.", "Give a new one with --to.")
     frames = write_dataset(to, model, [read_recording(path) for path in recordings], fps, task)

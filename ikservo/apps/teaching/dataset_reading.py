@@ -74,11 +74,7 @@ def require_pyarrow() -> None:
 
 
 def read_dataset(folder: Path, what: str = "state") -> Dataset:
-    """Read all episodes of a data set.
-
-    Args:
-        folder: The folder with ``meta`` and ``data``.
-        what: ``state`` for measured values, ``action`` for commanded ones.
+    """Read all episodes of a data set: ``state``, measured values, or ``action``, commanded ones.
 
     Raises:
         UnknownNameError: ``what`` is neither of the two.
@@ -119,10 +115,12 @@ def _read_info(path: Path) -> dict[str, object]:
             raise
         raise FileFormatError(path, "", "is not JSON", "LeRobot's info.json") from error
     if not isinstance(info, dict) or not {"codebase_version", "features", "fps"} <= info.keys():
-        raise FileFormatError(path, "", "is not LeRobot's", "keys codebase_version, features, fps")
+        raise FileFormatError(
+            path, "", "is not from LeRobot", "keys codebase_version, features, fps"
+        )
     version = cast("dict[str, object]", info)["codebase_version"]
     if not str(version).startswith("v3."):
-        expected = "v3.0; LeRobot converts older ones: convert_dataset_v21_to_v30"
+        expected = "v3.0; LeRobot's convert_dataset_v21_to_v30 converts older data sets"
         raise FileFormatError(path, "codebase_version", f"is {version!r}", expected)
     return cast("dict[str, object]", info)
 

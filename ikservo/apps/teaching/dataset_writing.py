@@ -37,14 +37,8 @@ def write_dataset(
     """Write recordings as the episodes of a new data set; return the number of its frames.
 
     Each recording is sampled at ``fps``. The action of each frame is the joint positions in the
-    next frame.
-
-    Args:
-        folder: The folder of the data set; it must be new or empty.
-        model: The arm of all recordings.
-        recordings: The recordings, at least one.
-        fps: Frames per second; None: the rate of the first recording.
-        task: The task of the episodes, in a sentence.
+    next frame. The folder must be new or empty; without ``fps``, the rate is that of the first
+    recording.
 
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     ArmConnection,
     MotionOptions,
@@ -17,7 +18,6 @@ from ikservo.cli.options import (
     ToolSpeedOption,
 )
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_point_m
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_status
 from ikservo.errors import BadValueError, format_point
 from ikservo.files.drawing import read_drawing

@@ -69,7 +69,7 @@ def command(
     """
     if kind == "csv":
         if not recordings or len(recordings) != 1:
-            count = "Several recordings are" if recordings else "No recording"
+            count = "Several recordings are" if recordings else "No recording is"
             raise InputError(f"{count} given.", "Name one: ikservo export csv wave.jsonl")
         _write_output(read_recording(recordings[0]).to_csv(), to)
     elif kind == "dataset":
@@ -106,6 +106,6 @@ def _find_calibration_file(model: Model, port: str | None) -> Path:
     if len(found) > 1:
         listing = ", ".join(path.name for path in found)
         raise InputError(
-            f"Several {model.name} are calibrated: {listing}.", "Choose one with --port."
+            f"Several {model.name} arms are calibrated: {listing}.", "Choose one with --port."
         )
     return found[0]

@@ -8,12 +8,12 @@ import typer
 
 from ikservo.arm import open_arm
 from ikservo.cli.completion import complete_arms
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, DurationOption, MotionOptions, SpeedOption
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import format_port, print_status
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import format_point
 from ikservo.model import load_model
 from ikservo.planning.reports import FollowResult

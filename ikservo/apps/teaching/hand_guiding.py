@@ -138,14 +138,14 @@ def _require_gravity(context: ArmContext) -> FeedForward:
     found = context.servos.compensator.feed_forward
     if found is None:
         raise RefusedError(
-            f"{context.model.name} has no masses in its URDF, so its weight cannot be carried.",
+            f"{context.model.name} has no masses in its URDF, so its weight is unknown.",
             "Teach it with torque off: leave out --float.",
         )
     for name, drive in zip(context.chain.names, found.parameters.drives, strict=True):
         if drive is None:
             model = context.model.joint(name).servo.model
             raise RefusedError(
-                f"The motor of {name} ({model}) is unknown, so its weight cannot be carried.",
+                f"The motor of {name} ({model}) is unknown, so it cannot support the arm.",
                 "Teach it with torque off: leave out --float.",
             )
     return found

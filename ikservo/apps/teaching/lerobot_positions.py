@@ -27,15 +27,10 @@ def positions_of_lerobot(
 ) -> Matrix:
     """Compute positions (k, n), rad or m, from values (k, m) of a LeRobot robot.
 
-    Args:
-        values: Degrees from the middle of the swept range, or -100 to 100 %; for the gripper, 0 to
-            100 %.
-        names: The joint of each column of values.
-        joints: LeRobot's calibration of the arm at that time.
-        calibration: The calibration of the same arm by ikservo, which has the zeros of the
-            geometry.
-        model: The arm; its joints are the columns of the result.
-        percent: Whether the values are percentages.
+    Values are degrees from the middle of the swept range or, in ``percent``, -100 to 100 %; those
+    of the gripper are 0 to 100 %. ``names`` are their columns; the joints of ``model`` are the
+    columns of the result. ``joints`` are LeRobot's calibration at that time, ``calibration`` has
+    the zeros of the geometry.
 
     Raises:
         CalibrationError: A joint is missing from a calibration, or has another servo.

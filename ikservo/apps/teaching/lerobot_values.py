@@ -38,9 +38,6 @@ class JointValues:
 
     The zeros are those of the geometry. A gripper is at 0 if its jaws meet and at 100 if they are
     fully open; the value of a prismatic joint is in millimetres.
-
-    Args:
-        model: The arm.
     """
 
     def __init__(self, model: Model) -> None:

@@ -239,11 +239,6 @@ class _WholeWrites:
 class RosRecordingWriter:
     """Converts samples to messages, and passes them to sinks.
 
-    Args:
-        arm: The arm.
-        urdf: The description of the arm; empty if there is none.
-        sinks: Receive the messages.
-
     Attributes:
         samples: The number of samples that were written.
     """
@@ -444,7 +439,7 @@ class _JointStateReader:
         if names not in self._layouts:
             self._layouts[names] = len(self._layouts)
             if len(self._names()) > MAX_JOINTS or len(self._layouts) > _MAX_LAYOUTS:
-                found = f"has other names than {len(self._layouts) - 1} earlier messages"
+                found = f"has other joints than {len(self._layouts) - 1} earlier messages"
                 expected = f"at most {MAX_JOINTS} joints, in one order"
                 raise FileFormatError(self._path, where, found, expected)
         self._layout_of.append(self._layouts[names])

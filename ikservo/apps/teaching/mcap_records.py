@@ -96,7 +96,7 @@ class _BoundedReads:
             ValueError: Too many bytes are requested.
         """
         if size > _MAX_RECORD_BYTES:
-            raise ValueError(f"a length of {size} bytes")
+            raise ValueError(f"a record of {size} bytes is too long")
         return self._file.read(size)
 
 
@@ -113,12 +113,12 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
         yield record
         return
     if record.uncompressed_size > MAX_CHUNK_BYTES:
-        found = f"a chunk of it inflates to {record.uncompressed_size:,} bytes"
+        found = f"one of its chunks inflates to {record.uncompressed_size:,} bytes"
         raise FileFormatError(path, "", found, f"chunks of at most {MAX_CHUNK_BYTES:,} bytes")
     if record.compression in _INFLATE:
         data = _INFLATE[record.compression](record.data, record.uncompressed_size + 1)
         if len(data) != record.uncompressed_size:
-            found = "a chunk of it inflates to another size than it states"
+            found = "one of its chunks does not inflate to its stated size"
             raise FileFormatError(path, "", found, "an undamaged MCAP file")
         record = replace(record, data=data, compression="")
     if record.uncompressed_crc not in (0, zlib.crc32(record.data)):
@@ -130,7 +130,7 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
         channel = int.from_bytes(data[at + 9 : at + 11], "little")
         others += kind in _DEFINITIONS
         if others > _MAX_DEFINITIONS:
-            found = "a chunk of it has too many channels and schemas"
+            found = "one of its chunks has too many channels and schemas"
             raise FileFormatError(path, "", found, f"at most {_MAX_DEFINITIONS:,}")
         if kind == _MESSAGE and channel in wanted:  # a reader per message is slow
             head = _MESSAGE_HEAD.unpack_from(data, at + _RECORD_HEAD.size)

@@ -87,7 +87,7 @@ _POINT = "[x, y, z] in metres"
 def _parse_step_motion(value: object) -> MotionValue[Any]:
     motion = parse_motion(value)
     if "speed" in cast("Mapping[str, Any]", value)[motion.kind]:
-        raise ValueError("has a speed, which belongs to the step")
+        raise ValueError("has a speed, which must be given in the step")
     return motion
 
 
@@ -133,7 +133,7 @@ class ProgramStep(StrictModel):
     via_m: Point | None = Field(default=None, strict=False, description=f"{_POINT}; only in an arc")
     grid: Grid | None = Field(
         default=None,
-        description="rows and columns from 1 to 30, row_m, column_m; only beside tip_m",
+        description="rows and columns from 1 to 30, row_m, column_m; only with tip_m",
     )
     deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")
@@ -196,11 +196,7 @@ class ProgramStep(StrictModel):
         return self.model_copy(update={"tip_m": self.grid.place_m(self.tip_m, repetition)})
 
     def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
-        """Return the motion of the step.
-
-        Args:
-            model: The arm, which determines which joints are prismatic.
-            speed: The speed class, for a motion that has one.
+        """Return the motion of the step; ``speed`` is the class for a motion that has one.
 
         Raises:
             BadValueError: A revolute joint is given in metres, or a prismatic one in degrees; or
@@ -247,13 +243,13 @@ class ProgramStep(StrictModel):
         """Refuse a step without exactly one action, or with options of another action."""
         actions = self._actions()
         if len(actions) != 1:
-            raise ValueError(f"has {' and '.join(actions) or 'no action'} instead of one action")
+            raise ValueError(f"needs one action, but has {' and '.join(actions) or 'none'}")
         if actions != ["tip_m"] and (self.path or self.via_m or self.grid):
             raise ValueError(f"has a path, via_m or a grid, which {actions[0]} cannot have")
         if self.grid and self.via_m:
             raise ValueError("has a grid, which an arc cannot have")
         if (self.path == "arc") != (self.via_m is not None):
-            raise ValueError("needs both: path = arc, and via_m")
+            raise ValueError("needs both path = arc and via_m")
         if self.tool_speed_m_s is not None and self.path not in ("line", "arc"):
             raise ValueError("has tool_speed_m_s without a line or an arc")
         if self.has_motion:

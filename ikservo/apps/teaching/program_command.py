@@ -16,8 +16,8 @@ from ikservo.apps.teaching.program import Program, ProgramStep, read_program, wr
 from ikservo.apps.teaching.program_run import NextStep, ProgramRun, StepCheck, StepReport
 from ikservo.arm import OpenArm
 from ikservo.arm.opening import require_own_port
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
     ArmConnection,
@@ -26,8 +26,8 @@ from ikservo.cli.options import (
     OverwriteOption,
     SceneOption,
 )
-from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import IkservoError, InputError
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
@@ -51,7 +51,7 @@ def new(file: File, arm: ArmOption = None, *, overwrite: OverwriteOption = False
     x, y, z = (round(float(value), 3) + 0.0 for value in tip_m)  # never -0.0
     steps = [
         ProgramStep(name="begin", pose="home"),
-        ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
+        ProgramStep(name="near home", tip_m=(x, y, z), speed="slow"),
         ProgramStep(wait_s=0.5),
     ]
     if model.gripper is not None:
@@ -97,7 +97,9 @@ def run(
     """
     has_terminal = sys.stdin.isatty()
     if step and not has_terminal:
-        raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
+        raise InputError(
+            "Cannot wait for Enter, because input is not a terminal.", "Leave out --step."
+        )
     with _opened(file, connection, options, scene) as (machine, program, steps):
         if steps.pauses and not has_terminal:
             raise InputError("A pause waits for Enter, but input is not a terminal.")
@@ -185,7 +187,7 @@ def _run(
             except BaseException:
                 again = f" --time {each.repetition}" if program.repetitions > 1 else ""
                 number = each.number
-                print_status(f"Stopped in step {number}; begin there again: --from {number}{again}")
+                print_status(f"Stopped in step {number}. To resume there: --from {number}{again}")
                 raise
     return done
 

@@ -32,13 +32,7 @@ StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 
 @dataclass(frozen=True, slots=True)
 class StepCheck:
-    """Result of checking a step.
-
-    Attributes:
-        number: The number of the step, from 1.
-        step: The step.
-        error: The reason why the step is impossible; None if it is possible.
-    """
+    """Result of checking a step, numbered from 1; it is possible if there is no error."""
 
     number: int
     step: ProgramStep
@@ -106,9 +100,9 @@ class ProgramRun:
                 raise BadValueError("The program", f"for {each.arm}", f"a program for {name}")
         for file, called in self._called.items():
             if called.repeat == UNTIL_STOPPED:
-                raise InputError(f"{file} cannot be called: it repeats until it is stopped.")
+                raise InputError(f"{file} cannot be called, because it repeats until stopped.")
             if any(step.program for step in called.steps):
-                raise InputError(f"{file} cannot be called: it calls another program itself.")
+                raise InputError(f"{file} cannot be called, because it calls another program.")
         self._on_wait = on_wait
         self._stop_count = arm.background.stop_count
         self._has_moved = False  # torque may be off before the first motion
@@ -123,13 +117,10 @@ class ProgramRun:
     def check(self, first: int = 1) -> Iterator[StepCheck]:
         """Plan each step from the end of the previous step; nothing moves.
 
-        The first step starts at the present position. With ``repeat``, the first step is also
-        checked from the end of the last one, and each place of a grid is checked. Steps with a
-        condition are checked as if it were true. After an impossible step the check continues as if
-        the program did not have that step.
-
-        Args:
-            first: The step to begin with, from 1.
+        Step ``first``, counted from 1, starts at the present position. With ``repeat``, the first
+        step is also checked from the end of the last one, and each place of a grid is checked.
+        Steps with a condition are checked as if it were true. After an impossible step the check
+        continues as if the program did not have that step.
 
         Raises:
             InputError: There is no such step, or there are too many to check.
@@ -163,14 +154,7 @@ class ProgramRun:
     def _checked_steps(
         self, program: Program, folder: Path, begin: int, caller: int | None = None
     ) -> Iterator[NextStep]:
-        """Yield each step of a program as often as it can end at a different place.
-
-        Args:
-            program: The program.
-            folder: The folder of the program.
-            begin: The index of the step to begin with.
-            caller: The number of the step that calls it.
-        """
+        """Yield each step from index ``begin`` on, once for each place at which it can end."""
         places = max((s.grid.rows * s.grid.columns for s in program.steps if s.grid), default=1)
         count = len(program.steps)
         rounds = [(1, range(begin, count))]
@@ -191,10 +175,7 @@ class ProgramRun:
         """Yield the steps to run; take the next step when the previous one has ended.
 
         Steps whose condition is false are left out. A repetition without any step is the last one.
-
-        Args:
-            first: The step to begin with, from 1; repetitions begin with the first step.
-            repetition: The repetition to begin with, from 1.
+        Steps and repetitions count from 1; a later repetition begins with the first step.
 
         Raises:
             BadValueError: There is no such step.
@@ -233,10 +214,6 @@ class ProgramRun:
         """Run a step; return the report of its motion, or None for a wait or a pause.
 
         The caller waits for the person during a pause.
-
-        Args:
-            step: The step.
-            on_progress: Called in every control cycle.
 
         Raises:
             IkservoError: The step failed; the arm holds where it is. See ``Arm``.

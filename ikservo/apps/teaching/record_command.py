@@ -13,6 +13,7 @@ from ikservo.apps.teaching.live_view import FOXGLOVE_PORT
 from ikservo.apps.teaching.recorder import RecordSettings, record_other_process
 from ikservo.arm import OpenArm
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     ArmConnection,
     DurationOption,
@@ -22,7 +23,6 @@ from ikservo.cli.options import (
     UncalibratedOption,
 )
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError
 
@@ -42,7 +42,7 @@ Foxglove = Annotated[
     bool, typer.Option("--foxglove", help="Also show the arm live in Foxglove on this machine.")
 ]
 FoxglovePort = Annotated[
-    int, typer.Option("--foxglove-port", min=1, max=65535, help="TCP port of --foxglove.")
+    int, typer.Option("--foxglove-port", min=1, max=65535, help="TCP port for --foxglove.")
 ]
 
 _JSON_LINES = (".jsonl", ".json", ".ndjson")
@@ -70,7 +70,7 @@ def command(
     """
     if duration is None and not sys.stdin.isatty():
         raise InputError(
-            "Cannot wait for Ctrl-C: input is not a terminal.",
+            "Cannot wait for Ctrl-C, because input is not a terminal.",
             "Add --duration, as in --duration 10.",
         )
     model = model_from_option(connection.arm)
@@ -96,7 +96,7 @@ def _offer_release(machine: OpenArm) -> None:
     """Warn that an arm with torque on cannot be guided by hand, and offer to switch torque off."""
     if not any(state.torque for state in machine.where().joints):
         return
-    print_status("Torque is on: the arm cannot be guided by hand.")
+    print_status("Torque is on, so the arm cannot be guided by hand.")
     if sys.stdin.isatty() and machine.zeros.are_known:
         if confirm("Lower the arm to its rest pose and switch torque off first?"):
             machine.relax()

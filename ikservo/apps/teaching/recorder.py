@@ -50,13 +50,7 @@ _HEALTH_PERIOD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:
-    """Result of a recording.
-
-    Attributes:
-        path: The file.
-        samples: The number of samples.
-        duration_s: Time from the first to the last sample.
-    """
+    """Result of a recording; its duration is that from the first to the last sample."""
 
     path: Path
     samples: int
@@ -120,13 +114,7 @@ def describe_arm(
 ) -> RecordedArm:
     """Return the data of an arm that a recording needs besides its samples.
 
-    Args:
-        model: The arm.
-        chain: The calibrated chain of the arm.
-        period_s: Time between two samples.
-        zeros: The source of the joint zeros.
-        serial_number: The serial number of the adapter, which identifies the calibration on this
-            machine; empty for an adapter without one, None if the arm is on another machine.
+    An empty serial number means an adapter without one; None, an arm on another machine.
 
     Raises:
         BadValueError: The period is out of its range.
@@ -160,7 +148,7 @@ def record_open_arm(
         until: Called at each sample; ends the recording by returning True.
         period_s: Time between two samples.
         overwrite: Whether an existing file may be replaced.
-        foxglove_port: The port on this machine that serves messages to Foxglove; None for none.
+        foxglove_port: The port on this machine that serves Foxglove; None serves nothing.
 
     Raises:
         BadValueError: The file exists, or a number is out of its range.

@@ -25,7 +25,7 @@ from typing import IO, Any, cast
 import numpy as np
 
 from ikservo.arguments import check_flag
-from ikservo.control.feedback import JointState
+from ikservo.control.joint_reading import JointState
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json, require_file
 from ikservo.files.writing import FileWriteError
@@ -196,7 +196,7 @@ class RecordingWriter:
 
 
 class RecordingFile:
-    """A file for a recording; a replacement is written beside the old file and renamed at the end.
+    """A file for a recording; a replacement is written next to the old file and renamed at the end.
 
     Args:
         path: The file.
@@ -224,7 +224,7 @@ class RecordingFile:
     def failed(self, error: OSError) -> FileWriteError:
         """Return the error that names the incomplete recording; the old file is kept."""
         self._has_failed = True
-        kept = f"The samples until then are in {self._written}"
+        kept = f"The samples recorded so far are in {self._written}"
         if self._replaces:
             kept = f"The existing file is unchanged. {kept}"
         return FileWriteError(self._path, os_error_text(error), kept=kept)
@@ -335,7 +335,7 @@ def _parse_header(path: Path, line: str) -> RecordingHeader:
     if row.keys() != _KEYS:
         odd = ", ".join(sorted(row.keys() ^ _KEYS))
         raise _recording_error(
-            path, 1, f"differs in: {odd}", f"the keys {', '.join(sorted(_KEYS))}"
+            path, 1, f"has missing or unknown keys: {odd}", f"the keys {', '.join(sorted(_KEYS))}"
         )
     return check_header(path, "line 1", row)
 
@@ -355,7 +355,7 @@ def check_header(path: Path, where: str, row: Mapping[str, object]) -> Recording
         )
     units = _text_tuple(units)
     if len(units) != len(joints) or not set(units) <= {"rad", "m"}:
-        raise FileFormatError(path, where, "has other units", '"rad" or "m" for each joint')
+        raise FileFormatError(path, where, "has wrong units", '"rad" or "m" for each joint')
     period_s = _finite_number(row.get("period_s"))
     if period_s is None or not 0.0 < period_s <= MAX_SECONDS:
         raise FileFormatError(path, where, "has no period", "period_s above 0")

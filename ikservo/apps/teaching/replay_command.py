@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption, SpeedOption
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import format_point
 from ikservo.planning.reports import ReplayResult
 

@@ -13,11 +13,11 @@ from ikservo.apps.teaching.hand_guiding import guide_by_hand
 from ikservo.arm import OpenArm
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration import JointUnit
+from ikservo.cli.open_and_confirm import announce_lowering, confirm_motion, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.quantities import parse_time_s
-from ikservo.cli.session import announce_lowering, confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,
     print_json,
@@ -81,7 +81,7 @@ def command(
         if not floating:
             _announce_teaching(machine, name, now=now, hold=hold)
         if name in machine.poses.user_poses():
-            print_status(f'It replaces the pose "{name}" in {machine.poses.path}.')
+            print_status(f'This replaces the pose "{name}" in {machine.poses.path}.')
         if floating:
             _float(machine, name, duration, yes=options.yes)
         elif not now and any(state.torque for state in machine.where().joints):
@@ -109,16 +109,16 @@ def _check_options(*, now: bool, floating: bool, duration: float | None) -> None
     if not now and duration is None and not sys.stdin.isatty():
         hint = "Add --for, as in --for 20s." if floating else (
             "To save the present pose, add --now.")  # fmt: skip
-        raise InputError("Cannot ask: input is not a terminal.", hint)
+        raise InputError("Cannot wait for Enter, because input is not a terminal.", hint)
 
 
 def _float(machine: OpenArm, name: str, duration: float | None, *, yes: bool) -> None:
     """Announce and run hand guiding; the arm holds afterwards."""
     how = "until you press Enter" if duration is None else f"for {duration:g} s"
     print_status(
-        f"{machine.model.title} on {format_port(machine.port_name)}: torque will be on and "
-        f"carries the arm's weight {how}. Guide the arm by hand. Ctrl-C ends this, too. The arm "
-        f'then holds, and its pose is saved as "{name}".'
+        f"{machine.model.title} on {format_port(machine.port_name)}: torque will be on, and the "
+        f"servos carry the arm's weight {how}. Guide the arm by hand. Ctrl-C ends this, too. The "
+        f'arm then holds, and its pose is saved as "{name}".'
     )
     confirm_motion(machine, yes=yes)
     with _end_check(machine, duration) as ended:
@@ -148,7 +148,7 @@ def _announce_teaching(machine: OpenArm, name: str, *, now: bool, hold: bool) ->
     """Announce what will happen to the arm."""
     stiff = any(state.torque for state in machine.where().joints)
     as_it_is = "as it is" if now else "off"
-    last = "torque comes on: the arm holds it" if hold else f"torque stays {as_it_is}"
+    last = "torque comes on and the arm holds it" if hold else f"torque stays {as_it_is}"
     if now:
         print_status(f'The present pose is saved as "{name}"; {last}.')
         return

@@ -26,7 +26,7 @@ APP = App(
                 ("write", "Write registers."),
                 ("ping", "Print model and firmware."),
                 ("reboot", "Restart a servo; torque goes off."),
-                ("reset", "Give a servo its factory settings."),
+                ("reset", "Reset a servo to its factory settings."),
                 ("backup", "Copy the EEPROM to a file."),
                 ("restore", "Write a backup into a servo."),
                 ("packets", "Print a file of recorded packets."),

@@ -15,7 +15,7 @@ from ikservo.apps.workbench.line_quality import MeteredTransport
 from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.diagnostics import raise_on_duplicate_ids
+from ikservo.hardware.duplicate_ids import raise_on_duplicate_ids
 from ikservo.hardware.port import Port
 from ikservo.hardware.transport import Transport, open_transport
 from ikservo.model import Model
@@ -80,13 +80,8 @@ def benchmark_bus(
 ) -> list[BusTiming]:
     """Measure an arm's bus; nothing moves, and torque stays unchanged.
 
-    On a simulated bus, time is virtual, and the host's own time is added to it.
-
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        cycles: The number of cycles of each kind.
-        on_cycle: Called with the kind of cycle and the number of finished cycles.
+    On a simulated bus, time is virtual, and the host's own time is added to it. ``on_cycle`` gets
+    the kind of cycle and the number of finished cycles.
 
     Raises:
         PortError: There is no port, or it is lost.

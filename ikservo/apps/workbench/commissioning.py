@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
-from ikservo.apps.workbench.provisioning import (
+from ikservo.apps.workbench.id_and_baud_rate import (
     ServoSettings,
     check_model,
     provision,
@@ -23,17 +24,14 @@ from ikservo.registers import control_table
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredServo:
-    """A servo after its set-up.
-
-    Attributes:
-        servo: The servo, with its id, table and joint.
-        found: The settings before the set-up.
-        written: Descriptions of the changes; empty if there were none.
-    """
+    """A servo after its set-up, with its former settings and descriptions of the changes."""
 
     servo: ServoSpec
     found: FoundServo
     written: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"✓ {self.servo}: {', '.join(self.written) or 'nothing to change'}"
 
 
 def planned_settings(model: Model) -> list[ServoSettings]:
@@ -73,16 +71,35 @@ def open_line(model: Model, port: str | None) -> Port:
     return open_port(resolve_port(model, port), model.baud_rate)
 
 
-def configure_servo(
-    line: Port, model: Model, settings: ServoSettings, wait_s: float
-) -> Dialogue[ConfiguredServo]:
-    """Wait for one servo, and give it its id, baud rate and settings.
+def configure_servos(
+    line: Port,
+    model: Model,
+    todo: Sequence[ServoSettings],
+    wait_s: float,
+    on_configured: Callable[[ConfiguredServo], None],
+) -> Dialogue[None]:
+    """Configure one servo after another, each plugged in alone; see ``configure_servo``.
 
     Args:
         line: The port, see ``open_line``.
         model: The arm.
-        settings: The desired settings of the servo.
-        wait_s: The time to wait until it is plugged in.
+        todo: The desired settings of the servos, see ``remaining_settings``.
+        wait_s: The time to wait until a servo is plugged in, or unplugged.
+        on_configured: Called with each servo that is done.
+    """
+    for number, settings in enumerate(todo, start=1):
+        configured = yield from configure_servo(line, model, settings, wait_s)
+        on_configured(configured)
+        if number < len(todo):
+            yield Notice("Unplug this servo.")
+            now = replace(configured.found, id=settings.servo.id, baud_rate=settings.baud_rate)
+            wait_until_unplugged(line, now, wait_s)
+
+
+def configure_servo(
+    line: Port, model: Model, settings: ServoSettings, wait_s: float
+) -> Dialogue[ConfiguredServo]:
+    """Wait for one servo, and give it its id, baud rate and settings.
 
     Raises:
         PortError: The port is lost.
@@ -103,7 +120,7 @@ def configure_servo(
     check_model(found, settings)
     yield Notice(f"Found {found}, firmware {found.firmware}.")
     if (found.id, found.baud_rate) != (servo.id, settings.baud_rate):
-        question = f"Make it id {servo.id} at {settings.baud_rate} baud, {servo.name}?"
+        question = f"Set it to id {servo.id} at {settings.baud_rate} baud for {servo.name}?"
         if (yield Question(question, Unasked.ERROR)) != ACCEPT:
             raise IkservoError("Cancelled; this servo was not changed.")
     owner = backup_owner(line.name, model.name)
@@ -126,17 +143,3 @@ def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[
             yield Notice(
                 f"More than one servo answers: {listed}. Plug in only the servo of {name}."
             )
-
-
-def wait_for_unplugging(
-    line: Port, configured: ConfiguredServo, settings: ServoSettings, wait_s: float
-) -> None:
-    """Wait until a finished servo no longer replies.
-
-    Raises:
-        ServoSilentError: The servo was not unplugged in time.
-        PortLostError: The port is lost.
-    """
-    found = configured.found
-    now = FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)
-    wait_until_unplugged(line, now, wait_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 
 from ikservo.apps.workbench.findings import Finding, failure, ok, warning
 from ikservo.apps.workbench.line_quality import LineQuality, measure_line_quality
@@ -10,10 +11,10 @@ from ikservo.apps.workbench.servo_checks import check_servos
 from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.calibration.calibration_file import read_calibration, ways_out
 from ikservo.calibration.paths import calibrations_of, journals_of
-from ikservo.errors import BusError, FileFormatError, PortError
+from ikservo.errors import BusError, FileFormatError, IkservoError, PortError
 from ikservo.files.reading import config_dir
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
+from ikservo.hardware.duplicate_ids import DUPLICATE_ID_HINT, find_duplicate_ids
 from ikservo.hardware.port import Port, open_port
 from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.hardware.port_names import is_simulated
@@ -26,10 +27,9 @@ from ikservo.hardware.serial_ports import (
     has_udev,
     installed_rules,
     line_hint,
-    read_rules,
 )
 from ikservo.hardware.servo import ServoSpec
-from ikservo.model import Model
+from ikservo.model import Model, arm_names, load_model
 
 READS = 1000
 """Number of position reads that measure the line quality."""
@@ -110,11 +110,6 @@ def _check_port(name: str, model: Model | None, on_progress: Progress | None) ->
         yield from _check_bus(opened_port, model, on_progress)
 
 
-def udev_rules() -> str:
-    """Return the udev rules, ready to be piped into a file."""
-    return read_rules()
-
-
 def _check_udev_rules(name: str) -> Iterator[Finding]:
     if not has_udev() or is_simulated(name) or "://" in name:
         return
@@ -138,6 +133,8 @@ def _check_bus(port: Port, model: Model | None, on_progress: Progress | None) ->
         elif found:
             models = ", ".join(f"{f.model or 'unknown'} (id {f.id})" for f in found)
             yield ok("servos", f"{len(found)} answer at {found[0].baud_rate} baud: {models}")
+            if arms := _arms_with(found):
+                yield ok("arm", f"these are the servos of {', '.join(arms)}")
         else:
             yield failure("servos", "no servo answers at any baud rate", _NO_POWER)
         specs = [ServoSpec(f.id, f.table) for f in found if f.table and not f.shares_id]
@@ -163,6 +160,17 @@ def _check_bus(port: Port, model: Model | None, on_progress: Progress | None) ->
     yield from check_servos(ServoBus(port, present), model)
 
 
+def _arms_with(found: Sequence[FoundServo]) -> list[str]:
+    """Return the arms of the catalogue that have exactly these servos."""
+    servos = {(each.id, each.table) for each in found}
+    arms: list[str] = []
+    for name in arm_names():
+        with suppress(IkservoError):  # a damaged file, or an arm without servos
+            if {(spec.id, spec.table) for spec in servo_specs(load_model(name))} == servos:
+                arms.append(name)
+    return arms
+
+
 def _scan_with_progress(port: Port, on_progress: Progress | None) -> list[FoundServo]:
     return scan(
         port,
@@ -173,7 +181,7 @@ def _scan_with_progress(port: Port, on_progress: Progress | None) -> list[FoundS
 
 def _duplicate_ids_finding(ids: Iterable[int]) -> Finding:
     listed = ", ".join(map(str, ids))
-    return failure("servos", f"several servos answer at id {listed}", DUPLICATE_ID_HINT)
+    return failure("servos", f"several servos share id {listed}", DUPLICATE_ID_HINT)
 
 
 _NO_POWER = "Check that the servos' power supply is on and the cable is in the right socket."

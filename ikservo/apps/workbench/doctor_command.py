@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.apps.workbench.doctor import diagnose, udev_rules
+from ikservo.apps.workbench.doctor import diagnose
 from ikservo.apps.workbench.findings import Finding, Severity
 from ikservo.apps.workbench.servo_checks import write_eeprom
 from ikservo.arm.opening import open_bus
@@ -16,6 +16,7 @@ from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal import print_json, print_lines, print_status, progress_bar
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import ExitCode
+from ikservo.hardware.serial_ports import read_rules
 from ikservo.model import load_model
 
 Rules = Annotated[bool, typer.Option("--rules", help="Print only the udev rule.")]
@@ -38,7 +39,7 @@ def command(
     ikservo doctor --arm so101 --port /dev/ttyACM0
     """
     if rules:
-        print_lines(udev_rules().splitlines())
+        print_lines(read_rules().splitlines())
         return
     if eeprom:
         model = model_from_option(connection.arm)

@@ -43,12 +43,7 @@ def plan_restoration(
 ) -> Restoration:
     """Compare a servo with a backup; nothing is written.
 
-    Args:
-        bus: The bus, with the arm's servos.
-        backup: The backup to restore.
-        target: The joint or the id of the servo to write, which may differ from the backup's id;
-            None: the servo with the backup's id.
-        other_model: Whether the backup may be from another model.
+    ``target`` is the joint or the id of the servo to write; by default, the id of the backup.
 
     Raises:
         InputError: The backup is from another servo or model, which was not allowed.

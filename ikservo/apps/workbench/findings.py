@@ -24,14 +24,7 @@ _MARKS = {Severity.GOOD: "✓", Severity.ODD: "!", Severity.BAD: "✗"}
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result of one check.
-
-    Attributes:
-        level: The severity.
-        topic: The subject of the check, one word.
-        text: The result.
-        fix: The remedy; may have several lines.
-    """
+    """The result of one check: severity, subject in one word, text, and lines with the remedy."""
 
     level: Severity
     topic: str

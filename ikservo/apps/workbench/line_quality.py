@@ -48,11 +48,7 @@ def measure_line_quality(
 ) -> LineQuality:
     """Read the positions of servos in turn, many times.
 
-    Args:
-        bus: The bus, without retries, which would hide losses.
-        servo_ids: The servos to read.
-        reads: Number of reads.
-        on_read: Called with the number of reads so far.
+    The bus must not retry requests, which would hide losses.
 
     Raises:
         PortLostError: The port is lost.

@@ -66,10 +66,7 @@ def decode_packets(
 ) -> Iterator[DecodedPacket]:
     """Decode the packets of a recording, in order.
 
-    Args:
-        logged: The bytes that ports sent and received.
-        tables: The control table of each servo by id, for the names of registers; other ids show
-            addresses.
+    Registers of ids without a control table are shown as addresses.
     """
     decoder = _Decoder(tables)
     for chunk in logged:

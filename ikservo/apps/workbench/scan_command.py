@@ -17,7 +17,7 @@ from ikservo.hardware.scan import FoundServo, OnScanStep, candidate_baud_rates, 
 
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]
 AllRates = Annotated[
-    bool, typer.Option("--all", help="Try the other rates as well after servos are found.")
+    bool, typer.Option("--all", help="Try all rates, even after servos are found.")
 ]
 Rates = Annotated[
     list[int] | None,

@@ -6,9 +6,9 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
 from ikservo.apps.workbench.findings import Finding, failure, ok, warning
-from ikservo.apps.workbench.tried_values import read_former, restore_former, tried_differences
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.servo_config import calibration_registers
+from ikservo.control.servo_gains import read_former, restore_former, tried_differences
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
 from ikservo.guard import alarm_hint
 from ikservo.hardware.bus import ServoBus
@@ -34,12 +34,7 @@ _CALIBRATED_REGISTERS = {
 
 
 def check_eeprom(bus: ServoBus, model: Model) -> Iterator[Finding]:
-    """Compare the servos' EEPROM with the arm file.
-
-    Args:
-        bus: The bus, with the servos that reply.
-        model: The expected arm.
-    """
+    """Compare the servos' EEPROM with the arm file."""
     calibrated = _has_calibrated_registers(bus, model)
     compared, matching = 0, True
     for own in all_servos(model):
@@ -92,7 +87,7 @@ def _expected_registers(
 
 
 def all_servos(model: Model) -> list[ModelServo]:
-    """Return every servo of the arm file; further servos of a joint follow its first."""
+    """List every servo of the arm file; a joint's first servo stands before its other servos."""
     return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
 
 
@@ -129,12 +124,7 @@ _LONG_DELAY_S = 1e-4  # sum over all servos
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
-    """Check servos that reply; change nothing.
-
-    Args:
-        bus: The bus, with those servos.
-        model: The expected arm; None to check single servos only.
-    """
+    """Check the servos that reply; without a model, check only each by itself. Change nothing."""
     limits = model.health if model else _USUAL_HEALTH
     wrong_supply = set[int]()
     checks: dict[str, Callable[[], Iterator[Finding]]] = {
@@ -190,8 +180,8 @@ def _check_supply(bus: ServoBus, wrong: set[int]) -> Iterator[Finding]:
         yield failure(
             "supply",
             f"{_format_servos(bus, volts_by_id)} {'has' if len(volts_by_id) == 1 else 'have'} a "
-            f"supply of {_format_range(volts_by_id.values(), '.1f')} V; "
-            f"{lower:.1f} to {upper:.1f} V are allowed",
+            f"supply voltage of {_format_range(volts_by_id.values(), '.1f')} V; "
+            f"the allowed range is {lower:.1f} to {upper:.1f} V",
             "Check that the power supply is the right one; torque cannot be switched on.",
         )
     if not outside:
@@ -225,7 +215,7 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
             yield warning(
                 "firmware",
                 f"{name} servos differ: {text}; stored settings: {apart or 'the same'}",
-                f"Bring all to {ordered[-1]} or newer with the vendor's tool (FD, Dynamixel "
+                f"Update all to {ordered[-1]} or newer with the vendor's tool (FD, Dynamixel "
                 "Wizard), and restore a backup from a servo that moves correctly.",
             )
     if all(len(groups) == 1 for groups in versions.values()):
@@ -306,7 +296,7 @@ def _check_trials(bus: ServoBus) -> Iterator[Finding]:
                 "trial",
                 f"{servo} still has the trial values of a program that was killed: "
                 f"{', '.join(texts)}",
-                "Switch its power off and on, or write the former values: "
+                "Switch its power off and on, or write the previous values: "
                 "ikservo doctor --write-eeprom",
             )
 

@@ -14,7 +14,7 @@ import typer
 from ikservo.apps.workbench.eeprom_restore import Restoration, plan_restoration, write_restoration
 from ikservo.apps.workbench.packet_decoding import decode_packets
 from ikservo.apps.workbench.servo_plot import read_joint_maps, show_plot
-from ikservo.apps.workbench.servo_tune import tune_joint
+from ikservo.apps.workbench.servo_tune_command import tune_joint
 from ikservo.apps.workbench.servo_workbench import (
     RegisterReading,
     ServoLine,
@@ -65,7 +65,9 @@ def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 Registers = Annotated[
     list[str],
-    typer.Argument(metavar="REGISTER...", autocompletion=_complete_registers, help="Their names."),
+    typer.Argument(
+        metavar="REGISTER...", autocompletion=_complete_registers, help="Names of the registers."
+    ),
 ]
 Values = Annotated[
     list[str],
@@ -207,7 +209,7 @@ def write(
         for word in values:
             name, equals, text = word.partition("=")
             if not equals:
-                raise InputError(f"{word!r} has no value.", f"As in: {name}=16")
+                raise InputError(f"{word!r} has no value.", f"For example: {name}=16")
             register = find_register(servo.table, name)
             registers[register] = parse_register_value(register, text)
         changes = plan_writes(line, servo, registers)
@@ -274,7 +276,7 @@ def reset(
 
     ikservo servo reset --port /dev/ttyACM0 --id 3
     """
-    done, lost = "reset to factory settings", " Its calibration and settings are lost."
+    done, lost = "reset to factory settings", " Its calibration and settings will be lost."
     with options.open(servo_id) as line:
         _restart(line, line.find(servo_id), reset_servo, done, lost, yes=yes, json=json)
 
@@ -367,7 +369,9 @@ def tune(
         number = r"([0-9]{1,3}(?:\.[0-9]{1,6})?)"
         match = re.fullmatch(f"{number}(?:,{number})?", sine)
         if match is None:
-            raise InputError(f"{sine!r} is not a frequency.", "As in: --sine 2, or --sine 0.5,5")
+            raise InputError(
+                f"{sine!r} is not a frequency.", "For example: --sine 2, or --sine 0.5,5"
+            )
         frequencies_hz = float(match[1]), float(match[2] or match[1])
     tune_joint(
         connection, servo_id, gains or [], step, frequencies_hz, suggest=suggest, yes=yes, json=json
@@ -490,7 +494,7 @@ def _restart(
     yes: bool,
     json: bool,
 ) -> None:
-    text = f"{servo}: torque goes off, support the arm.{lost} Go on?"
+    text = f"{servo}: torque will be switched off; support the arm.{lost} Continue?"
     if not Operator.of(None, yes=yes).agrees(Question(text, Unasked.ERROR)):
         raise IkservoError("Cancelled; nothing was changed.")
     restart(line, servo)

@@ -86,15 +86,7 @@ def show_plot(
 ) -> None:
     """Print registers of servos until Ctrl-C: curves on a terminal, CSV or JSON for programs.
 
-    Args:
-        line: The servos of the line.
-        servos: The servos to plot.
-        names: The registers, by the vendor's or the common names, and the joints; empty: the
-            registers of motion.
-        joints: See `read_joint_maps`.
-        period_s: Time between two readings.
-        duration_s: Time after which the plot ends; None: no end.
-        json: Whether to print lines of JSON.
+    Registers have the vendor's or the common names; without names, those of motion are shown.
 
     Raises:
         UnknownNameError: A model has no such register.
@@ -167,7 +159,7 @@ def _draw(samples: Iterator[Sample], curves: Sequence[_Curve], period_s: float) 
     width = max(console.width - _OTHER_COLUMNS_CHARS, _SHORTEST_CURVE)
     rows = _TALL_ROWS if len(curves) <= _TALL_UP_TO else 1
     histories = [deque[float | None](maxlen=width) for _ in curves]
-    print_status(f"The last {width * period_s:.3g} s; Ctrl-C ends.")
+    print_status(f"Showing the last {width * period_s:.3g} s; Ctrl-C ends.")
     with Live(console=console, auto_refresh=False) as live:
         for sample in samples:
             table = Table(*_COLUMNS, box=None, pad_edge=False)
@@ -188,9 +180,7 @@ def _draw(samples: Iterator[Sample], curves: Sequence[_Curve], period_s: float) 
 def block_curve(values: Sequence[float | None], rows: int) -> list[str]:
     """Return a curve as lines of blocks, the top line first, scaled to its range of values.
 
-    Args:
-        values: One value per column; None is a gap.
-        rows: Number of lines; each has eight steps.
+    There is one value per column, None for a gap; each line has eight steps.
     """
     known = [value for value in values if value is not None]
     low = min(known, default=0.0)

@@ -52,11 +52,7 @@ def sample_registers(
 ) -> Iterator[Sample]:
     """Read registers of servos periodically.
 
-    Args:
-        bus: The servos.
-        watched: The registers of each servo, by id.
-        period_s: Time between two samples; if too short, as fast as the line allows.
-        duration_s: Time after which no sample is taken; may be infinite.
+    If the period is too short, samples are taken as fast as the line allows.
 
     Raises:
         BusError: A servo did not reply to the first read; later it is left out of a sample.

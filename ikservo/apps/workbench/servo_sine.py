@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     REST_S,
     find_free_motion,
     record_joint,
@@ -19,6 +19,7 @@ from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import TrajectoryPoint
 
+DEFAULT_AMPLITUDE_RAD = math.radians(2.0)
 _LEAST_AMPLITUDE_RAD = np.radians(0.5) - 1e-9
 _FREQUENCIES_HZ = (0.1, 20.0)
 _CYCLES = 8.0  # number of cycles at a single frequency
@@ -29,13 +30,7 @@ _STEP_S = 0.0005  # time between two points of a motion
 
 @dataclass(frozen=True, slots=True)
 class FrequencyPoint:
-    """Response of a servo at one frequency.
-
-    Attributes:
-        frequency_hz: The frequency.
-        amplitude_ratio: The ratio of the joint's amplitude to that of its goal.
-        phase_lag_rad: The phase lag of the joint behind its goal.
-    """
+    """Response of a joint at one frequency: amplitude ratio to its goal, and lag behind it."""
 
     frequency_hz: float
     amplitude_ratio: float
@@ -142,14 +137,8 @@ def measure_sine(
 ) -> SineResponse:
     """Move a joint on a sine around its position, and return the response of its servo.
 
-    ikservo's own corrections are off, so that only the servo with its gains is measured.
-
-    Args:
-        arm: The arm; its other joints hold.
-        joint: A revolute joint.
-        amplitude_rad: The amplitude.
-        from_hz: The frequency, or the lowest one of a sweep.
-        to_hz: The highest frequency; equal to the lowest for a single one.
+    ikservo's own corrections are off, so that only the servo with its gains is measured. The
+    frequency sweeps from ``from_hz`` to ``to_hz``, unless they are equal; other joints hold.
 
     Raises:
         BadValueError: The amplitude is smaller than 0.5°, or a frequency is out of range.

@@ -8,11 +8,11 @@ import re
 from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from ikservo.apps.workbench.provisioning import change_address, check_address_is_free
-from ikservo.apps.workbench.tried_values import forget_if_former
+from ikservo.apps.workbench.id_and_baud_rate import change_address, check_address_is_free
 from ikservo.arguments import parse_port
 from ikservo.arm.opening import backup_owner, open_bus
 from ikservo.arm.stoppable_bus import stoppable
+from ikservo.control.servo_gains import forget_if_former
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import (
     BusError,
@@ -102,13 +102,8 @@ def open_servos(
 ) -> Generator[ServoLine]:
     """Open the servos of an arm, or those that reply on a line; a signal waits for a running write.
 
-    Args:
-        model: The arm; None for servos without an arm.
-        port: See ``choose_port``.
-        servo_id: Without an arm: search only this id; None: every id.
-        table: Without an arm: the servo's table, if its model is known.
-        baud_rate: Without an arm: the rate; None: try every known rate.
-        on_step: Called with the progress of a search.
+    Without an arm, servos are searched for: at one id and baud rate, or at all known ones. Their
+    table is ``table``, if given.
 
     Raises:
         InputError: A servo of an unknown model replies, or several servos share an id.
@@ -131,7 +126,9 @@ def open_servos(
             tried = "every known rate" if baud_rate is None else f"{baud_rate} baud"
             what = "has no servo" if servo_id is None else f"has no servo with id {servo_id}"
             raise ServoSilentError(
-                f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
+                f"{what} that replies at {tried}",
+                "Check the plug and the power supply.",
+                port=line.name,
             )
         with stoppable(ServoBus(line, specs)) as bus:
             bus.backup_owner = backup_owner(line.name)
@@ -147,7 +144,8 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     known = table or found.table
     if known is None:
         raise InputError(
-            f"{found} is an unknown model.", "Give a known model with the same registers: --model"
+            f"The registers of this servo are unknown: {found}.",
+            "Give a known model with the same registers: --model",
         )
     return ServoSpec(found.id, known)
 
@@ -205,12 +203,7 @@ class RegisterReading:
 def read_registers(
     line: ServoLine, servo: ServoSpec, names: Iterable[str] = ()
 ) -> list[RegisterReading]:
-    """Read registers of a servo.
-
-    Args:
-        line: The servos.
-        servo: The servo.
-        names: The registers, by the vendor's or the common names; all if empty.
+    """Read registers of a servo by the vendor's or the common names; all if none are named.
 
     Raises:
         UnknownNameError: The model has no such register.

@@ -10,10 +10,9 @@ import typer
 
 from ikservo.apps.workbench.commissioning import (
     ConfiguredServo,
-    configure_servo,
+    configure_servos,
     open_line,
     remaining_settings,
-    wait_for_unplugging,
 )
 from ikservo.apps.workbench.eeprom_restore import plan_restoration
 from ikservo.apps.workbench.servo_command import restore_backup
@@ -106,28 +105,28 @@ def command(
         raise InputError("--servo and --other-model need --restore.", "Add --restore FILE.")
     operator = Operator.of(None, yes=yes)
     todo = remaining_settings(model, start)
-    joint = ""
-    try:
-        with exiting_on_signals(), open_line(model, port) as line:
-            for settings, following in zip(todo, (*todo[1:], None), strict=True):
-                joint = settings.servo.name
-                configured = operator.run(configure_servo(line, model, settings, wait))
-                _print_configured(configured, json=json)
-                if following:
-                    joint = following.servo.name
-                    print_status("Unplug it.")
-                    wait_for_unplugging(line, configured, settings, wait)
-    except (IkservoError, KeyboardInterrupt, SystemExit, typer.Abort):
-        if joint:
-            print_status(f"Continue with: ikservo setup {arm} --start {joint}")
-        raise
-    print_status(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
+    done: list[ConfiguredServo] = []
+
+    def report(configured: ConfiguredServo) -> None:
+        done.append(configured)
+        _print_configured(configured, json=json)
+
+    with exiting_on_signals(), open_line(model, port) as line:
+        try:
+            operator.run(configure_servos(line, model, todo, wait, report))
+        except (IkservoError, KeyboardInterrupt, SystemExit, typer.Abort):
+            if len(done) < len(todo):
+                joint = todo[len(done)].servo.name
+                print_status(f"Continue with: ikservo setup {arm} --start {joint}")
+            raise
+    print_status(
+        f"All servos are set up. Connect them to each other, then run: ikservo doctor --arm {arm}"
+    )
 
 
 def _print_configured(configured: ConfiguredServo, *, json: bool) -> None:
     if not json:
-        changes = ", ".join(configured.written) or "nothing to change"
-        print_lines([f"✓ {configured.servo}: {changes}"])
+        print_lines([str(configured)])
         return
     print_json(
         "setup",

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     ArmConnection,
     MotionOptions,
@@ -22,7 +23,6 @@ from ikservo.cli.quantities import (
     parse_coordinate_m,
     parse_point_m,
 )
-from ikservo.cli.session import open_from_options
 from ikservo.planning.motions import MoveArc
 
 OptionalLength = Annotated[

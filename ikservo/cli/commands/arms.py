@@ -1,4 +1,4 @@
-"""``ikservo arms``: list the values of ``--arm``."""
+"""``ikservo arms``: list the names of arms that the option ``--arm`` accepts."""
 
 from __future__ import annotations
 

@@ -9,11 +9,11 @@ import typer
 from ikservo.app_discovery import find_part
 from ikservo.arm import OpenArm
 from ikservo.cli.completion import complete_from
+from ikservo.cli.open_and_confirm import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption
 from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import ExitCode, InputError
 from ikservo.planning.motions import MoveGripper
@@ -62,7 +62,7 @@ def command(
         raise InputError(
             "--weigh cannot be used with a motion of the jaws."
             if weigh
-            else "No motion of the jaws is given.",
+            else "No motion of the jaws was given.",
             "Give open, close, a width such as 30mm, or --weigh.",
         )
     if to is None:

@@ -14,18 +14,18 @@ import typer
 from ikservo.arm import OpenArm
 from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, KeepGoing
 from ikservo.cli.completion import complete_jogs
-from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import (
     Keys,
     format_port,
     print_status,
     read_keys,
 )
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import InputError, format_point
 from ikservo.planning.reports import JogResult
 

@@ -8,14 +8,19 @@ import typer
 
 from ikservo.arm import JointMoveResult, OpenArm
 from ikservo.cli.completion import complete_joints
-from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.motion_report import print_plan
+from ikservo.cli.open_and_confirm import (
+    announce,
+    motion_progress_bar,
+    open_from_options,
+    plan_motion,
+)
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, PathOptions, SpeedOption, ThinkOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import announce, motion_progress_bar, open_from_options, plan_motion
 from ikservo.cli.terminal import print_lines
+from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
 from ikservo.planning.motions import THINK_S, LookAt, MoveJoints

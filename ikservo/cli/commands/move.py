@@ -10,6 +10,7 @@ import typer
 from ikservo.cli.commands.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import PostureOptions, report_missing_freedom
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
+from ikservo.cli.open_and_confirm import open_from_options, plan_motion
 from ikservo.cli.options import (
     ArmConnection,
     Length,
@@ -22,7 +23,6 @@ from ikservo.cli.options import (
     ToolSpeedOption,
 )
 from ikservo.cli.quantities import parse_length_m, parse_point_m
-from ikservo.cli.session import open_from_options, plan_motion
 from ikservo.errors import InputError
 from ikservo.planning.motions import THINK_S, LookAt, MoveThrough, MoveTo
 
@@ -37,7 +37,7 @@ Blend = Annotated[
         "--blend",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Distance at which a --via point is passed; default: 20mm.",
+        help="Largest distance at which the tip passes a --via point; default: 20mm.",
         show_default=False,
     ),
 ]
@@ -85,7 +85,9 @@ def command(
     """
     within = path.within()
     if straight and (line or via or tool_speed is not None):
-        raise InputError("--straight cannot be used with a fixed path.", "Leave out --straight.")
+        raise InputError(
+            "--straight cannot be used with --line, --via or --tool-speed.", "Leave out --straight."
+        )
     if look_at:
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}
         others |= {"--pitch": tool.pitch_rad, "--roll": tool.roll_rad}

@@ -11,6 +11,7 @@ from ikservo.arm.opening import resolve_port
 from ikservo.cli.commands.joints import make_joint_motion, print_report
 from ikservo.cli.completion import complete_poses
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
     ArmConnection,
@@ -20,7 +21,6 @@ from ikservo.cli.options import (
     StraightOption,
     ThinkOption,
 )
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError
 from ikservo.hardware.port_names import remembered_serial_number, serial_number_of

@@ -85,4 +85,4 @@ def _print_recoveries(done: list[RecoveryResult], *, json: bool) -> None:
     elif len(limp) == len(done):
         print_status("Torque is off: the arm is limp. The next motion switches it on.")
     else:
-        print_status(f"Torque is off, limp: {', '.join(limp)}. The other joints hold.")
+        print_status(f"Torque is off at {', '.join(limp)}. The other joints hold.")

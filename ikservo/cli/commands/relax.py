@@ -12,9 +12,9 @@ from ikservo.arm.opening import disable_torque_unchecked
 from ikservo.arm.other_process import request_relax
 from ikservo.cli.commands.joints import print_report
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import announce_lowering, motion_progress_bar, open_from_options
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions
-from ikservo.cli.session import announce_lowering, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 

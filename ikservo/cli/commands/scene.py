@@ -65,11 +65,11 @@ def check(file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False) -
             for pose, link, thing, depth_m in touched
         )
     else:
-        print_lines(["No pose of the arm touches a thing."])
+        print_lines(["No pose of the arm touches anything in the scene."])
     if arms and not json:
         names = ", ".join(each.name for each in arms)
         print_status(
-            f"Not checked: {names}. Other arms are measured in a motion, or in ikservo view."
+            f"Not checked: {names}. Other arms are measured only in a motion or in ikservo view."
         )
     if touched:
         raise typer.Exit(ExitCode.FAILED)

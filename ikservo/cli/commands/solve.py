@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -187,10 +186,9 @@ def _solve_with_orientation(
     """Find joints with the tool orientation that ``move`` would use."""
     from ikservo.planning.tool_orientation import solve_with_orientation  # noqa: PLC0415  # rarely used
 
-    oriented = solve_with_orientation(
+    return solve_with_orientation(
         model.chain, tool_frame(model), Target(target.position), orientation, start
     )
-    return replace(oriented.solution, orientation_error_rad=oriented.error_rad)
 
 
 def _print_all(

@@ -21,7 +21,9 @@ from ikservo.app_discovery import find_part
 from ikservo.arm import ArmState, JointState
 from ikservo.arm.other_process import query_state
 from ikservo.calibration import format_source
+from ikservo.calibration.joint_limits import limit_distance, near_limit
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import (
     ArmConnection,
     CountOption,
@@ -31,13 +33,12 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.posture_reports import posture_fields, posture_lines
 from ikservo.cli.quantities import parse_point_m, parse_time_s
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import open_console, print_json, print_lines, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.arm_model import HealthLimits, limit_distance, near_limit
+from ikservo.model.arm_model import HealthLimits
 from ikservo.planning.reports import describe_alarms
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]
@@ -169,14 +170,7 @@ def watch_arm(
 ) -> None:
     """Print the arm's state periodically: lines of JSON, or a table that is updated in place.
 
-    Args:
-        model: The arm.
-        port: The port of the arm; None chooses a port as in every command.
-        period_s: Time between two readings.
-        count: Number of readings; until Ctrl-C if None.
-        uncalibrated: Whether an arm without calibration may be opened.
-        json: Whether to print lines of JSON.
-        clock: Measures the period; None uses the computer's clock, for simulated arms too.
+    Without a clock, the computer's clock measures the period, for simulated arms too.
     """
     with (
         _state_reader(model, port, uncalibrated=uncalibrated) as read_state,

@@ -39,7 +39,7 @@ class Slice(Enum):
 def point_fields(
     model: Model, point_m: Sequence[float] | None, found: Result | None
 ) -> dict[str, object]:
-    """Return the JSON fields of a requested point; empty without one."""
+    """Return the JSON fields of a requested point; empty if none was requested."""
     if found is None:
         return {}
     return {
@@ -53,7 +53,7 @@ def point_fields(
 
 
 def point_lines(model: Model, point_m: Sequence[float] | None, found: Result | None) -> list[str]:
-    """Return the text lines of a requested point; empty without one."""
+    """Return the text lines of a requested point; empty if none was requested."""
     if point_m is None or found is None:
         return []
     if found.reached:
@@ -70,7 +70,7 @@ def point_lines(model: Model, point_m: Sequence[float] | None, found: Result | N
 
 
 def region_fields(cut: Slice | None, region: Workspace | None) -> dict[str, object]:
-    """Return the JSON fields of a slice or a volume; empty without one."""
+    """Return the JSON fields of a slice or a volume; empty if there is none."""
     if region is None:
         return {}
     lower, upper = region.extent_m or (None, None)
@@ -90,7 +90,7 @@ def region_fields(cut: Slice | None, region: Workspace | None) -> dict[str, obje
 
 
 def region_lines(model: Model, cut: Slice | None, region: Workspace | None) -> list[str]:
-    """Return the text lines of a slice or a volume; empty without one."""
+    """Return the text lines of a slice or a volume; empty if there is none."""
     if region is None:
         return []
     size = f"{region.size:.4f} {'m²' if region.is_slice else 'm³'}"
@@ -113,7 +113,7 @@ def workspace_title(model: Model, cut: Slice | None, region: Workspace) -> str:
     if cut is Slice.TOP:
         return f"{model.title}, top: the plane at a height of {T[2, 3]:z.3f} m"
     yaw_deg = math.degrees(math.atan2(float(T[1, 0]), float(T[0, 0])))
-    return f"{model.title}, {cut.value}: the upright plane along {yaw_deg:z.0f}°"
+    return f"{model.title}, {cut.value}: the vertical plane at {yaw_deg:z.0f}°"
 
 
 _STARTS = 64  # number of start postures for a point whose first solution collides

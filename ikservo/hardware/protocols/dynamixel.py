@@ -247,12 +247,7 @@ class _Dynamixel1Codec(Protocol1Codec):
 
 
 class Dynamixel1Driver(Protocol1Driver):
-    """Driver for AX and MX servos: none has sync read, and only MX servos have bulk read.
-
-    Args:
-        port: The port.
-        bulk_ids: The servos that support bulk read.
-    """
+    """Driver for AX and MX servos without sync read; those in ``bulk_ids`` support bulk read."""
 
     def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
         super().__init__(port, Protocol1PacketHandler().txPacket, _Dynamixel1Codec(COMM_TX_ERROR))
@@ -286,7 +281,7 @@ class Dynamixel1Driver(Protocol1Driver):
 
     def factory_reset(self, servo_id: int) -> Reply:
         """Return a fault, because the servo would get id 1, which another servo may have."""
-        found = "would become id 1 by a factory reset; restore a backup instead"
+        found = "would get id 1 from a factory reset; restore a backup instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
 
     def reboot(self, servo_id: int) -> Reply:

@@ -53,12 +53,7 @@ def scan_packets(data: bytes, sizes: Collection[int], *, final: bool) -> ScanRes
     """Find the status packets in received bytes.
 
     A false header does not hide a packet after it (docs/sdk-defects.md F11): if the checksum or the
-    length is wrong, the scan continues at the next byte.
-
-    Args:
-        data: The bytes so far.
-        sizes: Bytes of data in the expected replies.
-        final: Whether no more bytes will come.
+    length is wrong, the scan continues at the next byte. See ``Framing.scan``.
     """
     frames: list[StatusPacket] = []
     at = junk = 0

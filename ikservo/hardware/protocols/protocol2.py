@@ -83,11 +83,7 @@ def crc(start: int, packet: Sequence[int], count: int) -> int:
 
 
 class Protocol2Codec:
-    """Codec of protocol 2.0.
-
-    Args:
-        too_long: The SDK's code for a packet that is too long to send.
-    """
+    """Codec of protocol 2.0; ``too_long`` is the SDK's code for a packet that is too long."""
 
     highest_id = 0xFC
 
@@ -237,10 +233,7 @@ def fast_sync_size(count: int, size: int) -> int:
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
     """Split the combined packet into replies; empty if servos or order are not as requested.
 
-    Args:
-        data: Bytes from the first ERR to the last data byte, which one checksum covers.
-        servo_ids: The requested servos, in order.
-        size: Bytes of each servo's data.
+    The bytes are those from the first ERR to the last data byte, which one checksum covers.
     """
     if len(data) != 1 + fast_sync_size(len(servo_ids), size):
         return []

@@ -41,10 +41,7 @@ class ReplyReader:
         self._replies: dict[int, Reply] = {}
 
     def read_replies(self, delays_s: float) -> dict[int, Reply]:
-        """Receive until all servos have replied, or no further reply can arrive.
-
-        Args:
-            delays_s: Sum of the servos' return delays, seconds.
+        """Receive until all servos have replied after their delays, or no further reply can arrive.
 
         Raises:
             PortLostError: The port is lost.
@@ -175,12 +172,7 @@ _NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Sends requests on a port and receives the replies.
-
-    Attributes:
-        port: The line.
-        codec: The status packet codec.
-    """
+    """Sends requests on a port and receives the replies."""
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec
@@ -311,12 +303,7 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Cache of packets without values, which the SDK builds once and a program repeats.
-
-    Args:
-        port: The port.
-        cacheable: The instructions whose packets carry no values.
-    """
+    """Cache of packets without values, which the SDK builds once and a program repeats."""
 
     def __init__(self, port: Port, cacheable: frozenset[int]) -> None:
         self._port, self._cacheable = port, cacheable

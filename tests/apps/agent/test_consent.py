@@ -149,7 +149,7 @@ def test_terminal_asks_for_each_plan_and_ends_with_server(open_session, monkeypa
         answer_in_terminal()
 
 
-def test_consent_nothing_refuses_motions_without_asking(open_session):
+def test_consent_mode_nothing_refuses_motions_without_asking(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         plan = session.plan(move_to={"position_m": NEAR})
         assert "allows no motion" in session.call("execute", plan_id=plan)
@@ -164,7 +164,7 @@ def test_consent_nothing_refuses_motions_without_asking(open_session):
         (Allowance(Consent.SLOW), ZeroSource.CALIBRATED),
     ],
 )
-def test_allowance_that_does_not_fit_the_arm_is_refused(allowance, zeros):
+def test_allowance_unsuitable_for_calibration_state_is_refused(allowance, zeros):
     with pytest.raises(InputError):
         allowance.check(zeros)
 

@@ -213,14 +213,14 @@ def test_hostile_calls_without_consent_move_nothing(open_session):
         assert session.audit.torque == []
 
 
-def test_ros_mcp_264_values_beyond_limits_never_reach_the_arm(simulated):
+def test_agent_joint_goals_beyond_limits_never_reach_the_arm(simulated):
     for positions in ({"elbow_flex": 9.0}, {"elbow_flex": -1e5}, {"nope": 0.1}):
         words = simulated.plan(move_joints={"positions": positions})
         assert words.startswith("Error executing tool plan")
     assert not simulated.has_moved
 
 
-def test_ros_mcp_283_speed_and_range_are_checked(simulated):
+def test_agent_speed_out_of_range_is_refused_or_limited(simulated):
     for fields in ({"speed": "ludicrous"}, {"tool_speed_m_s": -1.0}, {"tool_speed_m_s": 1e7}):
         words = simulated.plan(move_line={"position_m": NEAR, **fields})
         assert words.startswith("Error executing tool plan")

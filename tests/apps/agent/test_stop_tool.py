@@ -31,7 +31,7 @@ def test_stop_tool_ends_motion_within_300_ms(open_session, after_s):
 
 
 @pytest.mark.parametrize("reason", [None, 7, "x" * 100_000, ["a"], {"b": 1}])
-def test_stop_brakes_whatever_its_reason_is(simulated, reason):
+def test_stop_latches_with_any_value_as_reason(simulated, reason):
     plan = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.2}})
     stopped = simulated.call("stop", reason=reason)
     assert "A person must end the stop" in str(stopped)
@@ -41,7 +41,7 @@ def test_stop_brakes_whatever_its_reason_is(simulated, reason):
     assert not simulated.has_moved
 
 
-def test_refusals_after_a_stop_name_no_python_method(simulated):
+def test_refusals_after_a_stop_do_not_name_python_methods(simulated):
     assert simulated.call("gripper", to="open")["status"] == "done"
     assert simulated.call("where")["is_holding"]
     simulated.call("stop", reason="test")

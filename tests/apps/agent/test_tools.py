@@ -118,7 +118,10 @@ def test_program_is_checked_then_run_as_one_plan(simulated):
             'format = 1\narm = "so101"\nrepeat = 1000\n[[steps]]\nwait_s = 1.0\n',
             "repetitions is 1000",
         ),
-        ('format = 1\narm = "so101"\n[[steps]]\nrecording = "/etc/passwd"\n', "no plan"),
+        (
+            'format = 1\narm = "so101"\n[[steps]]\nrecording = "/etc/passwd"\n',
+            "cannot be planned in advance",
+        ),
         ('format = 1\narm = "so101"\n[[steps]]\nprogram = "/etc/passwd"\n', "not a fixed list"),
     ],
 )
@@ -145,8 +148,8 @@ def test_owner_limits_hold_for_each_motion(open_session):
         outside = session.plan(move_to={"position_m": [0.2, 0.25, 0.12]})
         assert "cannot be reached" in outside or "box" in outside
         own = {"move_to": {"position_m": NEAR, "within": {"above_m": [0, 0, 0]}}}
-        assert "The owner has set the constraint" in session.call("plan", motion=own)
-        assert "cannot be kept in the owner's region" in session.call(
+        assert "The owner has already constrained the tool" in session.call("plan", motion=own)
+        assert "cannot be kept within the owner's region" in session.call(
             "plan", motion={"move_to_rest": {}}
         )
         session.call("execute", plan_id=session.plan(move_to={"position_m": [0.22, 0, 0.12]}))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import possible_answers, read_script
+from ikservo.apps.calibrating.by_hand_dialogue import possible_answers, read_script
 from ikservo.errors import CalibrationError, FileFormatError
 from ikservo.maintenance.dialogue import ScriptedAnswers
 from tests.apps.calibrating.test_sweep import Hand, subject
@@ -45,7 +45,7 @@ def test_narrow_sweep_is_accepted_after_4_s_without_change():
 
 
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
-def test_scripted_accept_waits_until_wait_is_over(up, down, wait_s):
+def test_scripted_accept_is_given_after_wait_without_change(up, down, wait_s):
     state, script = swept(up, down).state, ScriptedAnswers()
     answers = [answer_at(script, state, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
     assert answers == [None, None, "accept"]
@@ -127,7 +127,7 @@ def test_scripted_accept_without_effect_is_repeated_later():
     assert answers == [None, "accept", None, None, "accept"]
 
 
-def test_one_narrow_sweep_of_two_joints_waits_the_longer_time():
+def test_one_narrow_sweep_among_joints_needs_the_longer_wait():
     hand = Hand(subject(), subject("wrist", 2)).rest().accept()
     hand.move(1000, 1).move(-2000, 1).move(500, 2).move(-1000, 2)
     assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(4.0, abs=0.03), "accept")

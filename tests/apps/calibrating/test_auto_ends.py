@@ -27,9 +27,9 @@ def test_warning_gives_reason_for_unsearched_end_stop(shoulder):
 def test_warning_names_both_unsearched_end_stops(shoulder):
     assert unreached(shoulder, "no room", FLOOR) == (
         f"cannot search for its end stop near -111.0° (no room), nor for its end stop near 107.0° "
-        f"({FLOOR}); both limits of the arm file are used there."
+        f"({FLOOR}); both limits of the arm file are used instead."
     )
 
 
-def test_warning_gives_range_of_joint_of_nearly_a_turn(shoulder):
+def test_warning_names_range_of_joint_with_nearly_full_turn(shoulder):
     assert "not searched: its range in the arm file, -111.0° to 107.0°" in nearly_a_turn(shoulder)

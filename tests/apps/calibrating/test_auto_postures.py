@@ -5,7 +5,7 @@ import pytest
 
 from ikservo.apps.calibrating.auto_calibration_setup import PosturePlanner
 from ikservo.errors import RefusedError
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from tests.calibration.mounted_arms import load_model
 
 

@@ -82,13 +82,13 @@ def test_calibration_dialogue_ends_with_saved_file(mount_arm, run_cli, home):
     assert [joint.swept for joint in calibration.joints] == ["by hand", "by hand"]
 
 
-def test_calibration_off_terminal_prints_one_line_per_step(mount_arm, run_cli):
+def test_calibration_without_terminal_prints_one_line_per_step(mount_arm, run_cli):
     lines = calibrated(mount_arm(sign=1), run_cli).err.splitlines()
     assert [line for line in lines if line.startswith("Step ")] == [
         'Step 1 of 5: Put the arm in the pose "home". Hold it still …',
-        'Step 1 of 5: Put the arm in the pose "home". It is still: continue.',
-        "Step 2 of 5: Move joint1 so that the tool goes to the right (seen from behind the base).",
-        "Step 3 of 5: Move joint2 so that the tool goes to the left (seen from behind the base).",
+        'Step 1 of 5: Put the arm in the pose "home". The arm is still; continue.',
+        "Step 2 of 5: Move joint1 so that the tool moves to the right (seen from behind the base).",
+        "Step 3 of 5: Move joint2 so that the tool moves to the left (seen from behind the base).",
         "Step 4 of 5: Move every joint gently to both end stops.",
         "Step 5 of 5: Review and save.",
     ]
@@ -121,8 +121,8 @@ def test_changes_from_previous_calibration_are_shown(mount_arm, run_cli, home):
     other = first.model_copy(update={"joints": (spoiled, *first.joints[1:])})
     write_atomic(file_of(home), dump_calibration(other))
     _, changed = shown_before_saving(calibrated(arm, run_cli))
-    assert changed[0].startswith(f"It replaces the calibration of {first.written:%Y-%m-%d}")
-    assert f"joint1: zero was tick {spoiled.zero_tick:g}, is tick " in changed[1]
+    assert changed[0].startswith(f"This replaces the calibration from {first.written:%Y-%m-%d}")
+    assert f"joint1: zero was tick {spoiled.zero_tick:g}, is now tick " in changed[1]
 
 
 @pytest.mark.full
@@ -471,7 +471,7 @@ def test_where_refuses_damaged_calibration_file_with_one_error(mount_arm, run_cl
     file_of(home).write_text(text.replace("sign = 1", "sign = -1").replace("sign = -1", "sign = 1"))
     done = run_cli(f"where --arm planar2 --port {PORT}")
     assert done.code == 2
-    assert "is damaged: its checksum does not fit its content" in done.err
+    assert "is damaged: its checksum does not match its content" in done.err
     assert len(done.err.splitlines()) == 2
 
 

@@ -5,16 +5,16 @@ from contextlib import nullcontext
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import check_zeros
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage, CalibrationState
+from ikservo.apps.calibrating.by_hand_dialogue import check_zeros
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage, CalibrationState
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.apps.calibrating.range_tracker import RangeTracker
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
-from ikservo.cli.direction_prompt import check_new_signs
 from ikservo.cli.terminal_dialogue import Operator
+from ikservo.cli.wiggle_prompt import check_new_signs
 from ikservo.errors import CalibrationError
 from ikservo.maintenance.direction_check import directions_confirmed
 from tests.calibration.mounted_arms import load_model
@@ -79,8 +79,8 @@ def test_opposite_sign_is_measured_twice_then_left_unconfirmed(mount_arm, run_cl
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
     assert "joint1: its sign contradicts the arm file. Was it first moved the wrong" in done.err
-    assert "Move joint1 again so that the tool goes to the right" in done.err
-    assert "joint1: its sign contradicts the arm file, measured twice" in done.err
+    assert "Move joint1 again so that the tool moves to the right" in done.err
+    assert "joint1: its sign, measured twice, contradicts the arm file" in done.err
     assert f"ikservo calibrate {NAME} --wiggle" in done.err
     assert [joint.sign for joint in saved().joints] == [-1, -1]
     assert not directions_confirmed(load_model(NAME), PORT)
@@ -100,18 +100,18 @@ def check_with_answers(monkeypatch, **answers):
 def test_test_motion_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
     asked, check = check_with_answers(monkeypatch)
     assert check() is True
-    assert [prompt.split()[0] for prompt in asked] == ["Make", "Did"]
-    assert "joint1 moves so that the tool goes" in capsys.readouterr().err
+    assert [prompt.split()[0] for prompt in asked] == ["Run", "Did"]
+    assert "joint1 moves so that the tool moves" in capsys.readouterr().err
 
 
-def test_test_motion_in_wrong_direction_is_an_error(monkeypatch):
+def test_test_motion_in_wrong_direction_is_reported(monkeypatch):
     _, check = check_with_answers(monkeypatch, Did="n")
     with pytest.raises(CalibrationError, match="joint1 does not move as"):
         check()
 
 
 def test_postponed_test_motion_stays_pending(monkeypatch, capsys):
-    _, check = check_with_answers(monkeypatch, Make="n")
+    _, check = check_with_answers(monkeypatch, Run="n")
     assert check() is False
     assert "The first motion begins with this test" in capsys.readouterr().err
 

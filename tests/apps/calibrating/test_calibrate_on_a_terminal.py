@@ -9,8 +9,8 @@ import pytest
 from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 
-from ikservo.apps.calibrating.calibration_dialogue import record_ranges
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_dialogue import record_ranges
+from ikservo.apps.calibrating.by_hand_procedure import (
     CalibrationStage,
     CalibrationState,
     joint_readouts,

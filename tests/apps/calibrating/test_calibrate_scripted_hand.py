@@ -43,7 +43,7 @@ def test_scripted_hands_calibrate_every_arm(run_cli, arm):
 def test_simulated_arm_is_calibrated_without_a_person(run_cli, pose):
     done = run_cli(f"calibrate planar2 --port sim --pose {pose}")
     assert done.code == 0, done.err
-    assert "A simulated hand moves the joints" in done.err
+    assert "A simulated hand moves the simulated joints" in done.err
     assert f'In the pose "{pose}", the tip is' in done.err
 
 
@@ -61,4 +61,4 @@ def test_arm_with_reversed_servos_is_calibrated(run_cli, monkeypatch, tmp_path):
     done = run_cli("calibrate planar2 --port sim --yes --json")
     assert done.code == 0, done.err
     assert [joint["sign"] for joint in done.json["joints"]] == [-1, -1]
-    assert "joint2: its sign contradicts the arm file, measured twice." in done.json["findings"]
+    assert "joint2: its sign, measured twice, contradicts the arm file." in done.json["findings"]

@@ -59,7 +59,7 @@ def reopened(arm):
     return arm.port
 
 
-def test_user_limit_binds_with_its_source():
+def test_user_limit_is_used_and_named_as_its_source():
     calibration = calibration_of("so101")
     joints = [
         joint.model_copy(update={"user_upper_deg": 10.0}) if joint.name == "elbow_flex" else joint

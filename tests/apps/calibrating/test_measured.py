@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import MeasuredJoint, measure_joint
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.homing import TickRange
@@ -67,7 +67,7 @@ def known(low, high, anchor):
         (1000, 3000, 3001, (1000, 3000)),
     ],
 )
-def test_known_travel_is_shifted_to_the_turn_of_the_pose(low, high, anchor, travel):
+def test_known_travel_is_shifted_to_the_turn_of_anchor_pose(low, high, anchor, travel):
     found = known(low, high, anchor)
     assert (found.travel, found.swept) == (TickRange(*travel), "by LeRobot")
 
@@ -77,7 +77,7 @@ def test_known_travel_is_shifted_to_the_turn_of_the_pose(low, high, anchor, trav
     [(1000, 3000, 998), (1000, 3000, 3002), (6000, 9000, 810), (6000, 9000, 1902)],
 )
 def test_anchor_pose_outside_known_travel_is_refused(low, high, anchor):
-    with pytest.raises(CalibrationError, match="elbow: the pose of the arm is outside"):
+    with pytest.raises(CalibrationError, match="elbow: its present position is outside"):
         known(low, high, anchor)
 
 

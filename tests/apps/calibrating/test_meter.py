@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import joint_readouts
+from ikservo.apps.calibrating.by_hand_procedure import joint_readouts
 from ikservo.calibration.homing import TickRange
 from ikservo.maintenance.dialogue import JointProgress
 from tests.apps.calibrating.test_sweep import TURN, Hand, subject
@@ -32,7 +32,7 @@ def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
         (4074, JointProgress.FREE),
     ],
 )
-def test_meter_shows_complete_at_80_percent_and_free_at_turn(ticks, state):
+def test_meter_shows_complete_at_80_percent_and_free_at_360_deg(ticks, state):
     # 3 rad are 1955.7 ticks; a turn less two degrees is 4073.2
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_procedure import (
     blocking_issues,
     is_full_turn,
     range_complete,

@@ -131,7 +131,7 @@ def test_changed_servo_tuning_is_accepted_by_calibration(mount_arm):
         assert machine.zeros is ZeroSource.CALIBRATED
 
 
-def test_opening_and_moving_calibrated_arm_keeps_eeprom(mount_arm):
+def test_using_calibrated_arm_does_not_write_its_eeprom(mount_arm):
     arm = mount_arm("so101")
     writes = arm.eeprom_writes()
     with opened(arm) as machine:
@@ -176,7 +176,7 @@ def test_joint_slightly_outside_limit_is_moved_back(mount_arm):
     assert arm.true_position("joint1") == pytest.approx(upper - 0.05, abs=math.radians(1))
 
 
-def test_torque_off_arm_reads_ticks_without_offset():
+def test_limp_arm_ticks_are_read_without_homing_offset():
     arm = make_mounted_arm("so101", 9)
     with arm.open_limp() as limp_arm:
         _, ticks = limp_arm.read_ticks()

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import check_zeros
+from ikservo.apps.calibrating.by_hand_dialogue import check_zeros
 from ikservo.apps.calibrating.calibration_result import find_shifted_zeros
 from ikservo.calibration import JointMap, Limits
 from ikservo.maintenance.dialogue import Notice, Question

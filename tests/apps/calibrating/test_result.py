@@ -144,7 +144,9 @@ def test_servos_of_joint_may_be_1024_ticks_apart(apart):
 
 @pytest.mark.parametrize("apart", [1025, -1025])
 def test_servos_of_joint_more_than_1024_ticks_apart_are_refused(apart):
-    with pytest.raises(CalibrationError, match=f"Servo 2 of elbow is {apart} ticks off servo 1;"):
+    with pytest.raises(
+        CalibrationError, match=f"Servo 2 of elbow is {apart} ticks away from servo 1;"
+    ):
         build(swept(shadow=2048 - apart))
 
 
@@ -157,5 +159,7 @@ def test_second_servo_travel_may_reach_wrap_around(down, up, apart):
 
 @pytest.mark.parametrize(("down", "up", "apart"), [(1500, 100, 549), (100, 1500, -548)])
 def test_second_servo_travel_across_wrap_around_is_refused(down, up, apart):
-    with pytest.raises(CalibrationError, match=f"Servo 2 of elbow is {apart} ticks off servo 1;"):
+    with pytest.raises(
+        CalibrationError, match=f"Servo 2 of elbow is {apart} ticks away from servo 1;"
+    ):
         build(swept(shadow=2048 - apart, down=down, up=up))

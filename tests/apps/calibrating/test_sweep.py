@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     apply_answer,
     possible_answers,
     read_script,
 )
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_procedure import (
     CalibrationStage,
     CalibrationState,
     joint_readouts,
@@ -79,7 +79,7 @@ def test_pose_is_accepted_only_when_arm_is_still():
     assert hand.rest().accept().state.stage is CalibrationStage.SWEEP
 
 
-def test_trembling_hand_gives_mean_reference_tick():
+def test_reference_tick_is_mean_while_hand_trembles():
     hand = Hand(subject())
     for k in range(40):
         hand.ticks[1] = 500 + (k % 2) * 3
@@ -243,7 +243,7 @@ def test_joint_turned_too_fast_must_be_remeasured():
 
 
 @pytest.mark.parametrize(("gap_s", "lost"), [(0.3, False), (0.5, False), (0.7, True)])
-def test_reading_gap_loses_turn_only_if_hand_could_make_one(gap_s, lost):
+def test_turn_is_lost_if_hand_could_make_one_in_reading_gap(gap_s, lost):
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.at_s += gap_s
     hand.move(300, step=300)
@@ -281,7 +281,7 @@ def test_servos_of_joint_with_opposite_counts_are_refused():
         hand.accept()
 
 
-def test_known_range_does_not_need_sweep():
+def test_joint_with_known_range_does_not_need_sweep():
     hand = Hand(subject(known=TickRange(0, 2000))).rest().accept().move(400).accept()
     assert hand.state.stage is CalibrationStage.REVIEW
 
@@ -299,7 +299,7 @@ def test_joint_readouts_show_progress_of_each_joint():
 
 def test_opposite_sign_is_reported_before_saving():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
-    assert "elbow: its sign contradicts the arm file, measured twice" in " ".join(
+    assert "elbow: its sign, measured twice, contradicts the arm file" in " ".join(
         warnings(hand.state)
     )
 
@@ -388,7 +388,7 @@ def test_script_error_names_its_line(tmp_path):
         read_script(path)
 
 
-def test_calibration_state_is_immutable_value():
+def test_calibration_state_is_immutable():
     hand = Hand(subject()).rest()
     before = hand.state
     hand.accept()

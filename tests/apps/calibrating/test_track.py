@@ -38,7 +38,7 @@ def test_lost_tracker_stays_lost_until_restarted():
     assert (again.lost, again.low, again.high, again.tick) == (False, 2010, 2010, 2010)
 
 
-def test_unwrapped_count_widens_range_by_any_step():
+def test_tracker_accepts_any_step_of_unwrapped_count():
     track = (
         RangeTracker.start_at(TURN, 100, 0.0)
         .update_unwrapped(9000, 1.0)

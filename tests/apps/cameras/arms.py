@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ikservo.apps.cameras.estimation import BoardSample
-from ikservo.kinematics.bending import Bending
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.se3 import exp_so3, make_pose, rotation_rpy
 
 TICK_RAD = math.tau / 4096

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model import load_model
 from ikservo.model.link_masses import link_masses

@@ -57,7 +57,7 @@ HOSTILE = {
 TRY = """
 import json, resource, sys, time
 from pathlib import Path
-from ikservo.apps.cameras.pictures import LiveCamera
+from ikservo.apps.cameras.board_detection import LiveCamera
 from ikservo.errors import IkservoError
 start_s = time.monotonic()
 try:

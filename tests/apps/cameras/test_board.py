@@ -10,8 +10,8 @@ from ikservo.errors import BadValueError, CalibrationError, PictureError
 
 cv2 = pytest.importorskip("cv2")
 
+from ikservo.apps.cameras.board_detection import Intrinsics, board_pose, find_board  # noqa: E402
 from ikservo.apps.cameras.camera_calibration import BoardPictures  # noqa: E402
-from ikservo.apps.cameras.pictures import Intrinsics, board_pose, find_board  # noqa: E402
 from servosim import read_arm_file  # noqa: E402
 from servosim.assembly import make_arm_world  # noqa: E402
 from servosim.camera import SimulatedCamera  # noqa: E402
@@ -99,13 +99,13 @@ def test_simulated_camera_has_same_place_for_any_start_pose(name):
         (lambda p: p[:, : p.shape[1] // 2 - 40], "too little of the board"),
     ],
 )
-def test_picture_without_usable_board_says_why(camera, spoil, message):
+def test_picture_without_usable_board_is_refused_with_reason(camera, spoil, message):
     with pytest.raises(CalibrationError, match=message):
         find_board(BOARD, spoil(camera.take()))
 
 
 def test_error_says_picture_shows_another_board(camera):
-    with pytest.raises(CalibrationError, match=r"another board than 7x5"):
+    with pytest.raises(CalibrationError, match=r"a board other than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())
 
 
@@ -114,6 +114,6 @@ def test_picture_of_another_size_than_the_first_is_refused(camera):
     picture = camera.take()
     pictures.add(picture, find_board(BOARD, picture), np.zeros(5))
     smaller = cv2.resize(picture, (768, 576))
-    with pytest.raises(PictureError, match="768 x 576, but the first one was 960 x 720"):
+    with pytest.raises(PictureError, match="768 x 576 pixels, the first one had 960 x 720"):
         pictures.add(smaller, find_board(BOARD, smaller), np.zeros(5))
     assert len(pictures) == 1

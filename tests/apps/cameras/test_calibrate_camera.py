@@ -15,7 +15,7 @@ pytest.importorskip("cv2")
 from tests.apps.cameras.hidden_arms import hidden_arm, tip_errors_m
 
 CAMERA = "rtsp://admin:swordfish@cam/1"
-NO_CAMERA_77 = "There is no camera 77.\nIs it plugged in, and not in use?\n"
+NO_CAMERA_77 = "There is no camera 77.\nIs it plugged in, and not used by another program?\n"
 
 
 @pytest.fixture(autouse=True)

@@ -133,7 +133,7 @@ def save_compliances(name, seed, wrong=0.0):
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_hand_carried_arms_with_known_compliance_are_accurate(monkeypatch, capsys, name, share):
+def test_calibration_by_hand_with_known_compliance_reaches_4_mm(monkeypatch, capsys, name, share):
     everywhere_m = []
     for seed in part_of(5):
         arm, camera = arm_before_a_camera(monkeypatch, name, seed)
@@ -171,11 +171,11 @@ def test_calibration_by_hand_keeps_known_compliance(monkeypatch, run_cli, share)
 
 
 @pytest.mark.campaign
-def test_calibration_by_hand_uses_only_pictures_at_rest(monkeypatch):
+def test_calibration_by_hand_uses_only_pictures_taken_at_rest(monkeypatch):
     result, said, *_ = run_by_hand(monkeypatch)
     assert result.pictures == 12
     assert [line for line in said if line.startswith("picture")] == [
-        f"picture {i} of 12: move on" for i in range(1, 13)
+        f"picture {i} of 12 taken: move the arm to another posture" for i in range(1, 13)
     ]
     assert len(result.estimate.fit.kept) == 12
     assert result.estimate.fit.kept.all()  # a picture of a moving arm would be an outlier

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from ikservo.apps.cameras.board_detection import Intrinsics
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import Intrinsics
 from ikservo.errors import BadValueError
 from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, rotation_rpy

@@ -11,7 +11,7 @@ pytest.importorskip("cv2")
 from tests.apps.cameras.mistaken_tip import ARM, JOINT, OFF_DEG, mistaken_tip, tip_pixel
 
 
-def test_a_click_on_the_tip_sets_the_last_zero_and_is_undone(tmp_path, monkeypatch, run_cli):
+def test_click_on_tip_sets_zero_of_last_joint_and_is_undone(tmp_path, monkeypatch, run_cli):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, camera = mistaken_tip(monkeypatch)
     path = calibration_path(ARM, SERIAL)

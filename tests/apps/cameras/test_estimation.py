@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ikservo.apps.cameras.estimation import BoardSample, Extent, estimate_camera, fit_camera
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, Extent, estimate_camera, fit_camera
 from ikservo.errors import CalibrationError
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import load_model
@@ -62,7 +62,7 @@ def test_undetermined_parameters_are_kept_and_marked(make_arm):
     assert named["shoulder_lift compliance"].is_determined
 
 
-def test_last_zero_visible_only_through_bending_is_left_at_0(monkeypatch):
+def test_zero_seen_only_through_bending_is_left_at_0(monkeypatch):
     model, chance = load_model("open_manipulator_x"), np.random.default_rng(1)
     lifts = np.array([0.0, 1.0, 1.0, 1.0])
     bending = Bending(

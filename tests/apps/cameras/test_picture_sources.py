@@ -63,25 +63,25 @@ class SilentCamera:
 
 def test_camera_errors_hide_password(monkeypatch):
     pytest.importorskip("cv2")
-    from ikservo.apps.cameras import pictures
+    from ikservo.apps.cameras import board_detection
 
     address = f"rtsp://admin:{SECRET}@127.0.0.1:1/live"
     with pytest.raises(InputError, match=r"There is no camera rtsp://…@127.0.0.1:1/live") as error:
-        pictures.LiveCamera(address)
+        board_detection.LiveCamera(address)
     assert SECRET not in repr(error.value)
     with pytest.raises(InputError, match=r"password of rtsp://…@127.0.0.1:1/live is not stored"):
-        pictures.LiveCamera(public_source(address))
-    monkeypatch.setattr(pictures, "open_capture", lambda _: SilentCamera())
+        board_detection.LiveCamera(public_source(address))
+    monkeypatch.setattr(board_detection, "open_capture", lambda _: SilentCamera())
     with pytest.raises(
         PictureError, match=r"rtsp://…@127.0.0.1:1/live no longer delivers pictures"
     ):
-        pictures.LiveCamera(address).take()
+        board_detection.LiveCamera(address).take()
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 def test_picture_file_can_be_read_repeatedly(tmp_path, suffix):
     cv2 = pytest.importorskip("cv2")
-    from ikservo.apps.cameras.pictures import LiveCamera
+    from ikservo.apps.cameras.board_detection import LiveCamera
 
     path = tmp_path / f"board{suffix}"
     cv2.imwrite(str(path), np.full((48, 64, 3), 128, np.uint8))
@@ -92,7 +92,7 @@ def test_picture_file_can_be_read_repeatedly(tmp_path, suffix):
 @pytest.mark.parametrize("content", [b"hello", b"\x89PNG\r\n\x1a\nxx"])
 def test_damaged_picture_file_is_not_called_an_unplugged_camera(tmp_path, content):
     pytest.importorskip("cv2")
-    from ikservo.apps.cameras.pictures import LiveCamera
+    from ikservo.apps.cameras.board_detection import LiveCamera
 
     path = tmp_path / "board.png"
     path.write_bytes(content)

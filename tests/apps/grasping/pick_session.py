@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.apps.cameras.camera_sources import open_source
-from ikservo.apps.page.controller import SessionController
+from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.panels.grasp_offer import HEADING
 from ikservo.apps.page.running.arm_thread import ArmThread

@@ -264,7 +264,7 @@ def test_click_outside_the_picture_chooses_nothing(session):
         refused(session, "not in the picture|picture", kind=msg.Grasp, at=at)
     session.send_message(msg.Grasp, at=(5.0, 5.0))
     session.until(lambda: session.interaction.refusal, "a refusal")
-    assert "No coloured block" in session.interaction.refusal.reason
+    assert "shows no coloured block" in session.interaction.refusal.reason
     assert session.offer is None
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.apps.cameras.board_detection import Intrinsics
 from ikservo.apps.cameras.camera_model import CameraModel
-from ikservo.apps.cameras.pictures import Intrinsics
 from ikservo.apps.grasping import jaws
 from ikservo.apps.grasping.jaws import find_jaws
 from ikservo.apps.grasping.pick_and_place import Pick, Place, pick_box
@@ -39,7 +39,13 @@ def refused(arm, kind, text, *given, **options):
 
 def test_pick_refuses_thing_wider_than_the_gripper(so101):
     size_m = (0.09, 0.1, 0.03)
-    refused(so101, RefusedError, "90 mm wide, the jaws open 7", (0.24, 0.0, 0.02), size_m=size_m)
+    refused(
+        so101,
+        RefusedError,
+        "90 mm wide, but the jaws open only 7",
+        (0.24, 0.0, 0.02),
+        size_m=size_m,
+    )
 
 
 def test_pick_refuses_point_below_the_table(so101):
@@ -193,7 +199,7 @@ def test_block_is_found_with_position_and_yaw(camera):
     assert motion.size_m == tuple(2.0 * block.half_size_m)
     u, v = camera.project(np.array([0.22, 0.03, 0.015]))[0]
     assert find_block_at(camera, picture, 0.0, u, v).name == block.name
-    with pytest.raises(InputError, match="No coloured block"):
+    with pytest.raises(InputError, match="shows no coloured block"):
         find_block_at(camera, picture, 0.0, 30.0, 30.0)
 
 

@@ -13,7 +13,7 @@ import trimesh
 import ikservo
 from ikservo.apps.page.drawing.scene_shapes import link_shapes
 from ikservo.kinematics.capsules import segment_distance
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from ikservo.model.urdf_types import Mesh
 from tests.oracle import CONFIGS
 
@@ -282,7 +282,10 @@ def test_missing_mesh_is_left_out_and_reported(make, source, tmp_path):
 def test_mesh_120_m_large_is_left_out(make, source, tmp_path):
     source.write_text(source.read_text().replace('scale="0.001 0.001 0.001"', ""))
     assert make().code == 0
-    assert "bar.stl is left out: it is 120 m large" in (tmp_path / "mine" / "import.md").read_text()
+    assert (
+        "bar.stl is left out, because it is 120 m large"
+        in (tmp_path / "mine" / "import.md").read_text()
+    )
 
 
 def test_import_json_lists_every_file(make, tmp_path):
@@ -387,7 +390,7 @@ def test_an_imported_arm_is_drawn_with_its_meshes(make, tmp_path):
 
 
 FOREIGN = {
-    "meshes for contact": ('urdf = "arm.urdf"', '<mesh filename="a.stl"/>'),
+    "meshes as contact shapes": ('urdf = "arm.urdf"', '<mesh filename="a.stl"/>'),
     "an MJCF": ('urdf = "arm.xml"', "<mujoco/>"),
     "a xacro": ('urdf = "arm.xacro"', ""),
 }

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from ikservo.apps.importing import fitting
-from ikservo.apps.importing.fitting import MAX_CAPSULES, fit_capsules
+from ikservo.apps.importing import mesh_capsules
+from ikservo.apps.importing.mesh_capsules import MAX_CAPSULES, fit_capsules
 
 
 def bracket():
@@ -150,12 +150,16 @@ def hostile_triangles(name):
         "loose, 30,000", "loose, 100,000", "one huge", "duplicated",
     ],
 )  # fmt: skip
-def test_fit_of_hostile_triangles_is_bounded(name, monkeypatch):
+def test_capsule_fit_of_hostile_mesh_has_bounded_work_and_memory(name, monkeypatch):
     triangles, cut = hostile_triangles(name), []
-    halves, by_plane = fitting._halves, fitting._cut_by_plane
-    monkeypatch.setattr(fitting, "_halves", lambda some: cut.append(len(some)) or halves(some))
+    halves, by_plane = mesh_capsules._halves, mesh_capsules._cut_by_plane
     monkeypatch.setattr(
-        fitting, "_cut_by_plane", lambda some, *at: cut.append(len(some)) or by_plane(some, *at)
+        mesh_capsules, "_halves", lambda some: cut.append(len(some)) or halves(some)
+    )
+    monkeypatch.setattr(
+        mesh_capsules,
+        "_cut_by_plane",
+        lambda some, *at: cut.append(len(some)) or by_plane(some, *at),
     )
     tracemalloc.start()
     fit = fit_capsules(triangles)
@@ -169,7 +173,7 @@ def test_fit_of_hostile_triangles_is_bounded(name, monkeypatch):
 
 
 @pytest.mark.full
-def test_fit_beside_large_triangles_is_bounded():
+def test_capsule_fit_beside_large_triangles_has_bounded_memory():
     core = np.array(trimesh.creation.box((0.1, 0.1, 0.1)).triangles)
     others = hostile_triangles("large triangles")
     given = fit_capsules(core, [others]).capsules

@@ -56,7 +56,7 @@ BOMB = "<!DOCTYPE r [<!ENTITY a 'x'>" + "".join(
 
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.urdf.xacro"])
 @pytest.mark.parametrize("head", [BOMB, "<!DOCTYPE r SYSTEM 'file:///etc/passwd'>"])
-def test_xml_document_types_in_descriptions_are_refused(read, head, name):
+def test_description_with_xml_doctype_is_refused(read, head, name):
     with pytest.raises(FileFormatError, match="document type"):
         read(robot(LINKS, CHAIN, head=head), name, allow_xacro=True)
 

@@ -11,7 +11,7 @@ import ikservo
 from ikservo.apps.importing import meshes
 from ikservo.apps.importing.meshes import mesh_triangles
 from ikservo.errors import FileFormatError, InputError
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from ikservo.model.urdf import read_urdf
 from ikservo.model.urdf_types import Mesh
 
@@ -149,7 +149,7 @@ def test_mesh_file_above_size_limit_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("inside", ["meshes/bar.stl", "small_description/meshes/bar.stl"])
-def test_package_names_are_found_in_model_folder(inside, tmp_path):
+def test_mesh_is_found_by_package_relative_or_file_name(inside, tmp_path):
     (tmp_path / inside).parent.mkdir(parents=True)
     (tmp_path / inside).write_bytes(b"")
     (tmp_path / "urdf").mkdir()

@@ -15,7 +15,7 @@ from ikservo.apps.importing.mjcf import read_mjcf
 from ikservo.apps.importing.shapes import convert_shapes
 from ikservo.errors import FileFormatError, InputError
 from ikservo.model import Model
-from ikservo.model.collision_model import collision_body
+from ikservo.model.collision_capsules import collision_body
 from ikservo.model.link_masses import link_masses
 from ikservo.model.model_loading import build_chain
 
@@ -244,7 +244,7 @@ def test_mjcf_assets_that_multiply_memory_are_not_compiled(path, element, monkey
     assert len(seen[0]) < len(MJCF) + 500
 
 
-def test_mjcf_sizes_and_key_frames_are_not_compiled(path):
+def test_mjcf_size_and_keyframe_elements_are_ignored(path):
     before = read_mjcf(path)
     more = '<size nkey="60000000" nuser_body="900"/><keyframe><key qpos="1"/></keyframe>'
     path.write_text(MJCF.replace("<worldbody>", f"{more}<worldbody>"))
@@ -259,7 +259,7 @@ def test_mjcf_mesh_that_is_a_pipe_is_refused(path):
         read_mjcf(path)
 
 
-def test_mjcf_that_names_a_large_mesh_often_is_refused(path, monkeypatch):
+def test_mjcf_that_repeats_a_large_mesh_is_refused(path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.importing.mjcf._MAX_MESHES_BYTES", 3_000)
     read_mjcf(path)
     again = "".join(f'<mesh name="bar{i}" file="bar.stl"/>' for i in range(9))

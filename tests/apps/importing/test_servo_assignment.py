@@ -148,8 +148,8 @@ def test_servos_named_by_user_are_not_moved(draft, port, monkeypatch):
     assert servos_of(draft) == {name: (IDS[name], SIGNS[name]) for name in IDS}
 
 
-def test_named_servo_that_does_not_reply_is_an_error(draft, port):
-    with pytest.raises(ServoSilentError, match="servo 99 of gripper"):
+def test_named_servo_that_does_not_reply_is_reported(draft, port):
+    with pytest.raises(ServoSilentError, match=r"Servo 99 of gripper does not reply\.\n"):
         run(assign_servos([draft], port, {"gripper": (DraftServo(99, ""),)}), None)
 
 

@@ -67,7 +67,7 @@ def test_repeated_measurements_without_wear_do_not_raise_alarm():
     assert alarms <= 4
 
 
-def test_heat_voltage_and_lost_replies_are_not_wear():
+def test_heat_voltage_and_lost_replies_do_not_count_as_wear():
     calm = JointHealth(name="pan", id=1, temperature_c=25.0, voltage_v=7.4, load=0.1, requests=20)
     hot = JointHealth(name="pan", id=1, temperature_c=60.0, voltage_v=6.1, load=0.9, lost=9)
     records = [HealthRecord(written=DAY, source="monitor", joints=(each,)) for each in (calm, hot)]

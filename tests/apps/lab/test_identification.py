@@ -16,7 +16,7 @@ from ikservo.apps.lab.drive_fit import (
     sign_currents,
 )
 from ikservo.apps.lab.drive_recording import DriveRecording, smooth_samples, steady_windows
-from ikservo.apps.lab.identification import gravity_columns, identify, identify_payload
+from ikservo.apps.lab.parameter_estimation import gravity_columns, identify, identify_payload
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model.identified_drives import with_mass_scales
@@ -186,7 +186,7 @@ def test_load_friction_is_undetermined_without_gravity(found):
     assert found.estimates[f"{pan}.load"].error > 2.0 * found.estimates[f"{lift}.load"].error
 
 
-def test_first_body_mass_is_the_most_uncertain(found):
+def test_identified_mass_of_first_body_is_the_most_uncertain(found):
     errors = [found.estimates[f"{body}.mass_scale"].error for body in found.bodies]
     assert errors[0] > max(errors[1:])
 
@@ -221,7 +221,7 @@ def test_payload_of_identified_arm_is_more_certain(found):
     assert known.error < unknown.error
 
 
-def test_steady_windows_leave_out_joint_that_does_not_follow():
+def test_steady_windows_exclude_stuck_joint():
     one = recorded()
     stuck = one.position.copy()
     stuck[: len(stuck) // 2, 1] = stuck[0, 1]

@@ -43,7 +43,7 @@ def test_short_tour_identifies_arm_with_hidden_parameters():
 
 
 @pytest.mark.full
-def test_excitation_starts_at_reference_not_at_leading_goals():
+def test_excitation_starts_at_reference_despite_leading_goals():
     with ikservo.open_arm("so101", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)
         run.go_to_start()

@@ -107,7 +107,7 @@ def test_gripper_weigh_finds_payload(home):
     assert answer["payload_kg"] == pytest.approx(0.08, abs=0.01)
 
 
-def test_sim_as_identified_needs_identified_arm(monkeypatch, tmp_path):
+def test_sim_option_as_identified_needs_identified_arm(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     result = run_arguments(["sim", "koch", "--as-identified"])
     assert result.code == InputError("").exit_code

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from ikservo.apps.workbench.gain_search import keeping_gains, tunable_registers, write_gains
 from ikservo.apps.workbench.servo_sine import SineMotion, SineResponse, measure_sine
-from ikservo.apps.workbench.servo_tuning import keeping_gains, tunable_registers, write_gains
 from ikservo.arm.opening import open_own_arm
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.model import load_model

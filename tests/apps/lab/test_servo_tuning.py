@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     StepResponse,
     Trial,
     gain_registers,
@@ -141,7 +141,7 @@ def test_second_ctrl_c_still_restores_gains(arm, monkeypatch):
     assert raw_gains(arm, servo) == before
 
 
-def test_recorded_times_of_waiting_motion_increase():
+def test_recorded_motion_keeps_one_sample_per_time():
     class Runner:
         def run(self, _make, record, _speed, *, compensated):
             for time_s, goal in ((0.0, 0.0), (0.01, 0.1), (0.01, 0.2), (0.02, 0.3), (0.02, 0.3)):

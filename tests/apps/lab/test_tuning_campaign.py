@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     Trial,
     gain_registers,
     keeping_gains,

@@ -62,7 +62,7 @@ def test_certificate_is_readable_only_by_owner(tmp_path):
     made = load_or_make_certificate(ADDRESS, tmp_path)
     assert made.path.stat().st_mode & 0o777 == 0o600
     made.path.chmod(0o640)
-    with pytest.raises(CertificateError, match="others can read its key"):
+    with pytest.raises(CertificateError, match="other users can read its key"):
         load_or_make_certificate(ADDRESS, tmp_path)
 
 
@@ -168,7 +168,7 @@ def resident_mb():
     return pages * resource.getpagesize() / 2**20
 
 
-def test_client_without_http_writes_no_log_line(house):
+def test_client_that_does_not_send_http_is_not_logged(house):
     assert not logging.getLogger("uvicorn.error").isEnabledFor(logging.WARNING)
 
 

@@ -173,7 +173,7 @@ def test_lag_meter_finds_time_shift_of_motions(lag_s):
     assert found.joint == "pan"
 
 
-def test_lag_meter_of_still_leader_gives_only_error():
+def test_lag_meter_reports_error_without_lag_of_still_leader():
     meter = LagMeter(("pan",))
     for cycle in range(10):
         meter.record(cycle, np.array([0.5]), cycle, np.array([0.5]), np.array([0.4]))

@@ -9,7 +9,7 @@ import pytest
 
 from ikservo.apps.page.messages.page_messages import BadMessageError, read_message
 from ikservo.apps.page.server.auth import Permission
-from ikservo.apps.page.server.page_connection import MessageFilter
+from ikservo.apps.page.server.message_age_and_rate import MessageFilter
 from tests.apps.page.view_session import ViewSession
 from tests.arm.simulated import registers
 

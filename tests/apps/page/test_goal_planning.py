@@ -12,7 +12,7 @@ from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages import thing_messages as things
 from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.arm import StopKind, StopReason, open_arm
-from ikservo.guard.way_search import WaySearch
+from ikservo.guard.path_search import WaySearch
 from tests.apps.page.view_session import LOOK_S, LOOKS, ViewSession
 from tests.arm.simulated import line_of, registers, true_joints
 from tests.arm.test_ways_around import POST, left_of, nearest_m

@@ -13,7 +13,7 @@ from ikservo.apps.page.messages.page_messages import (
     Stop,
     read_message,
 )
-from ikservo.apps.page.server.page_connection import (
+from ikservo.apps.page.server.message_age_and_rate import (
     MAX_MESSAGE_AGE_S,
     MessageFilter,
     RateLimitError,

@@ -84,7 +84,7 @@ def test_hot_servo_is_reported_with_page_hint(arm, celsius):
 @pytest.mark.full
 def test_hot_arm_that_lowers_itself_is_reported_limp():
     notice = reported_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
-    assert notice.message.endswith("torque is off, the arm is limp.")
+    assert notice.message.endswith("torque is off; the arm is limp.")
 
 
 def test_pulled_cable_is_reported_until_port_is_back(monkeypatch):

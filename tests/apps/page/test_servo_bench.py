@@ -12,7 +12,7 @@ from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.panels.servo_bench import ServoBench, read_bench_message
 from ikservo.apps.page.server.auth import Permission
 from ikservo.apps.page.server.downloads import DownloadOffers
-from ikservo.apps.workbench import servo_tuning
+from ikservo.apps.workbench import gain_search
 from ikservo.arm.arm import Arm
 from ikservo.clock import RealClock
 from ikservo.model import load_model
@@ -243,7 +243,7 @@ def test_better_gains_are_suggested(raised):
         ("elbow_flex", {"p_gain": 999}, "a gain from 0 to 254"),
         ("elbow_flex", {"goal_position": 5}, "a gain"),
         ("elbow_flex", {"p_gian": 5}, "p_gain"),
-        ("gripper", {"p_gain": 20}, "not a joint of the chain"),
+        ("gripper", {"p_gain": 20}, "does not move the tip"),
         ("tail", {"p_gain": 20}, "tail"),
     ],
 )
@@ -261,7 +261,7 @@ def test_gain_trial_needs_servo_of_an_arm(line):
 
 @pytest.mark.parametrize("end", ["stop", "leave", "close"])
 def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
-    lines, write, stop = [], servo_tuning.write_gains, Arm.stop
+    lines, write, stop = [], gain_search.write_gains, Arm.stop
     changed, stopped = threading.Event(), threading.Event()
 
     def open_and_note(url, opened=servosim.open_port):
@@ -279,7 +279,7 @@ def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
 
     monkeypatch.setattr(Arm, "stop", stop_and_note)
     monkeypatch.setattr("servosim.open_port", open_and_note)
-    monkeypatch.setattr(servo_tuning, "write_gains", write_and_wait)
+    monkeypatch.setattr(gain_search, "write_gains", write_and_wait)
     session = opened(load_model("so101"), "sim:?pose=home&paced=0")
     session.until("line", lambda frame: frame["servos"])
     session.act("suggest", joint="elbow_flex")

@@ -8,7 +8,7 @@ import pytest
 from ikservo.apps.page.page_app import low_jitter
 
 
-def test_switch_interval_is_shorter_while_panel_is_open():
+def test_thread_switch_interval_is_shorter_while_panel_is_open():
     before = sys.getswitchinterval()
     with low_jitter():
         assert sys.getswitchinterval() < before

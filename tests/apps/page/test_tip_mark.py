@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ikservo.apps.page.controller import SessionController
+from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages import thing_messages as things
 from ikservo.apps.page.running.arm_thread import ArmThread
@@ -80,7 +80,7 @@ def test_tip_click_on_page_reopens_arm_with_new_zero(session):
     assert load_calibration(ARM, SERIAL) != before
     messages = [entry.message for entry in session.arm_thread.snapshot.messages]
     said = next(message for message in messages if f"calibration undo {ARM}" in message)
-    assert "by 1 click; standard error" in said
+    assert "according to 1 click; standard error" in said
     assert "click again" in said
     session.rest()
     assert session.latest_frames()["scene"]["tip_clicks"] == 1

@@ -64,7 +64,7 @@ def test_stop_of_limp_resting_arm_does_not_need_acknowledgement(limp):
     status = limp.latest_frames()["status"]
     assert (status["mode"], status["banner"], status["stop_count"]) == ("preview", None, 1)
     said = status["messages"][-1]
-    assert said["message"].endswith("torque is off, the arm is limp.")
+    assert said["message"].endswith("torque is off; the arm is limp.")
     assert said["level"] == ""
     assert limp.arm.stop_reason is None
 
@@ -110,7 +110,7 @@ def test_hand_guided_arm_is_shown_as_limp(session):
 
 
 @pytest.mark.parametrize(("on", "says"), [(True, "Stopped from another terminal; torque stays on."),
-                                          (False, "torque is off, the arm is limp.")])  # fmt: skip
+                                          (False, "torque is off; the arm is limp.")])  # fmt: skip
 def test_stop_from_other_terminal_is_shown_on_resting_arm(session, on, says):
     if not on:
         session.arm.disable_torque()

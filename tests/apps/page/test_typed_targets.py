@@ -119,7 +119,7 @@ def test_torque_of_one_servo_is_switched_off_and_on_in_place(session):
 
 def test_torque_cannot_be_switched_in_live_or_after_stop(session):
     session.enable_live()
-    with pytest.raises(BadMessageError, match="stays on in Live"):
+    with pytest.raises(BadMessageError, match="stays on while Live is on"):
         session.send_message(page_messages.SetTorque, joint="wrist_roll", on=False)
     session.send_message(page_messages.Stop)
     session.arm_thread.step()

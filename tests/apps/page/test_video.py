@@ -104,7 +104,7 @@ def test_camera_with_late_picture_is_lost_after_ten_seconds():
         until(lambda: webcam.is_held)
         clock.ahead_s += 3.0
         assert source.is_late
-        assert source.trouble == "The picture of camera 0 is late. Waiting for the next one."
+        assert source.trouble == "The picture from camera 0 is late. Waiting for the next one."
         clock.ahead_s += 8.0
         assert not source.is_late
         assert source.trouble == "No picture from camera 0: is it plugged in?"

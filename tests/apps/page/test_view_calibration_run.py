@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.apps.page.running.calibration_panel import CalibrationDriver, calibration_fields
 from ikservo.calibration.calibration_file import read_calibration

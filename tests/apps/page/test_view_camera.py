@@ -60,7 +60,7 @@ def test_pixels_per_metre_match_projection(camera, px, depth_m):
 
 @laws
 @given(cameras, points)
-def test_points_project_together_as_one_by_one(camera, point):
+def test_batch_projection_equals_projection_of_each_point(camera, point):
     px, depth_m = camera.project(np.array([point, point + 1.0]))
     alone_px, alone_depth = camera.project(point)
     np.testing.assert_allclose(px[0], alone_px, atol=1e-9)

@@ -11,6 +11,7 @@ import sys
 import httpx
 import pytest
 
+from ikservo.apps.page.arm_choices import find_choices
 from ikservo.apps.page.panels.servo_bench import ServoBench
 from ikservo.hardware.serial_ports import SerialAdapter
 from ikservo.remedies import install_command
@@ -69,10 +70,10 @@ def test_invalid_http_port_is_refused(run_cli, http):
     assert run_cli(f"view --port sim --http-port {http}").code == 2
 
 
-def test_view_at_real_port_without_arm_asks_for_arm(run_cli):
-    result = run_cli("view --port /dev/ttyNOTHERE")
-    assert result.code == 2
-    assert "No arm given." in result.err
+def test_port_without_arm_is_offered_in_list_of_arms():
+    choices = find_choices(port="/dev/ttyNOTHERE")
+    assert choices.choose("so101", "/dev/ttyNOTHERE").port == "/dev/ttyNOTHERE"
+    assert "/dev/ttyNOTHERE" not in find_choices().ports
 
 
 @pytest.mark.full
@@ -80,8 +81,8 @@ def test_view_at_real_port_without_arm_asks_for_arm(run_cli):
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ((), "No arm is open. Choose one on the page; that moves nothing."),
-        (("--camera", "77"), "that moves nothing. The page then shows the camera's picture."),
+        ((), "No arm is open. Choose one on the page; this does not move it."),
+        (("--camera", "77"), "this does not move it. The page then shows the camera's picture."),
         (("--camera", "77"), "There is no picture from camera 77 now: the page shows it once"),
         (("so101=sim", "koch=/dev/ttyNOTHERE"), "koch: Cannot open port /dev/ttyNOTHERE"),
     ],
@@ -104,7 +105,7 @@ def test_view_serves_page_without_arm_or_with_failed_arm(options, expected):
     ("line", "code", "expected"),
     [
         ("view so101 koch --port /dev/ttyNOTHERE", 2, "one port for 2 arms"),
-        ("view so101=sim --arm koch", 2, "--arm koch is given besides so101=sim"),
+        ("view so101=sim --arm koch", 2, "Both --arm koch and so101=sim are given"),
         ("view so101=sim kock=sim", 2, "koch"),
         ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR --http-port 0", 3, "/dev/ttyNOTHERE"),
     ],
@@ -121,16 +122,16 @@ def test_contradictory_arms_are_refused_before_serving(run_cli, line, code, expe
         (
             "so101 koch",
             '[[sphere]]\nname = "a"\ncentre_m = [0, 1, 0]\nradius_m = 0.1',
-            "not to 2",
+            "not 2",
         ),
         ("so101", "[[sphere]]\nradius = 1", "is not a known key"),
         ("so101", None, "does not exist"),
-        ("so101", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "koch, which is not opened"),
-        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "not to 0"),
+        ("so101", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "koch, which is not being opened"),
+        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "not 0"),
         (
             "so101 koch px150",
             '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]',
-            "one arm that it does not name, not to 2",
+            "one arm that it does not name, not 2",
         ),
         (
             "so101 koch",
@@ -220,9 +221,9 @@ def test_view_without_tls_libraries_says_what_is_missing(run_cli, monkeypatch):
     ("words", "said"),
     [
         ("--port sim", "No arm given for the simulator"),
-        ("so101 --port sim", "opens no arms"),
-        ("--port sim --arm so101 --camera 0", "opens no arms"),
-        ("--port sim --arm so101 --camera-name left", "opens no arms"),
+        ("so101 --port sim", "does not open arms"),
+        ("--port sim --arm so101 --camera 0", "does not open arms"),
+        ("--port sim --arm so101 --camera-name left", "does not open arms"),
         ("--port sim --camera-name ../a", "--camera-name is '../a'"),
         ("--port sim:so100 --arm so101", "is not a port"),
         ("--port sim --arm so999", "so999"),

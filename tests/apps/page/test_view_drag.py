@@ -558,7 +558,7 @@ def test_click_reaches_nearest_posture_to_preferred_one():
     np.testing.assert_allclose(free.T @ (weights * (answer.q - wanted)), 0.0, atol=1e-3)
 
 
-def test_joint_with_weight_0_ignores_preferred_posture():
+def test_only_weighted_joint_takes_its_preferred_angle():
     solver, wanted = leaning("so101", weights=np.array([0.0, 0.0, 0.0, 0.0, 1.0]))
     answer = clicked(solver, stage("so101").home)
     assert answer.q[4] == pytest.approx(wanted[4], abs=1e-3)

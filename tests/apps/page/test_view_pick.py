@@ -20,7 +20,7 @@ from ikservo.apps.page.picking.raycast import (
 from ikservo.kinematics.capsules import segment_distance
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model.arm_model import KeepOutBox
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from tests.apps.page.view_fixtures import (
     VIEWPORT,
     cameras,

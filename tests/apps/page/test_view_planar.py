@@ -18,7 +18,7 @@ from ikservo.apps.page.picking.viewpoints import (
 )
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import distance_to_limits
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from tests.apps.page.planar_arm import planar_model
 from tests.apps.page.view_fixtures import selected
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from ikservo.apps.page.dragging.interaction import Interaction
-from ikservo.apps.page.frames import FrameComposer
 from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.page_updates import FrameComposer
 from ikservo.apps.page.picking.joint_dials import joint_dials
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.viewpoints import Viewpoint
 from ikservo.apps.page.server.auth import Permission
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.arm import StopKind, StopReason, open_arm
 from servosim.faults import Fault
 from tests.apps.page.view_session import ViewSession
@@ -198,7 +198,7 @@ def held_s(session, cut_s, way):
     return sent_goals[changed[-1]][0] - heartbeats_s[0]
 
 
-def test_stop_after_acknowledgement_stays(session):
+def test_stop_right_after_acknowledgement_is_latched(session):
     session.send_message(page_messages.Stop)
     session.arm_thread.step()
     session.send_message(page_messages.Acknowledge)
@@ -520,7 +520,7 @@ def test_wheel_moves_goal_by_one_degree_per_notch(session):
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 
 
-def test_arm_thread_commands_are_replaced_as_a_whole(session):
+def test_arm_thread_command_is_replaced_only_by_post(session):
     command = replace(session.arm_thread.command, speed="fast")
     session.arm_thread.post(command)
     assert session.arm_thread.command is command

@@ -13,7 +13,7 @@ from ikservo.apps.page.dragging.labels import (
     health_rows,
 )
 from ikservo.apps.page.dragging.target_marker import TargetMarker
-from ikservo.apps.page.frames import _joint_meter_fields
+from ikservo.apps.page.page_updates import _joint_meter_fields
 from ikservo.arm import JointState
 from ikservo.errors import format_point
 from ikservo.ik import ActiveLimit
@@ -53,7 +53,7 @@ def test_points_and_times_are_shown_with_units():
     [({}, "good"), ({"temperature_c": 61.0}, "amber"), ({"load_percent": -85.0}, "amber"),
      ({"temperature_c": 66.0}, "red"), ({"alarms": ("overload",)}, "red")],
 )  # fmt: skip
-def test_servo_health_has_a_level(messages, level):
+def test_servo_health_level_depends_on_heat_load_and_alarms(messages, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
     assert health_rows([replace(state, **messages)], HealthLimits())[0]["level"] == level
 

@@ -12,7 +12,7 @@ from ikservo.apps.page.picking.raycast import cast_rays, link_shapes
 from ikservo.apps.page.picking.visibility import TABLE, VisibilityChecker
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.model.arm_model import KeepOutBox
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from tests.apps.page.view_fixtures import looked_at, model_of, stage
 from tests.apps.page.view_session import ViewSession
 

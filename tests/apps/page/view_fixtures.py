@@ -15,7 +15,7 @@ from ikservo.apps.page.picking.projection import Camera, Viewport, view_rotation
 from ikservo.apps.page.picking.raycast import link_shapes
 from ikservo.apps.page.picking.viewpoints import Viewpoint, arm_extent, make_camera
 from ikservo.model import load_model
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 
 VIEWPORT = Viewport(800.0, 600.0)
 

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from ikservo.apps.page.controller import SessionController
+from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.server.auth import Permission

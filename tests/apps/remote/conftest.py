@@ -9,7 +9,7 @@ import pytest
 import ikservo
 from ikservo.apps.remote.address import ArmAddress, Endpoint
 from ikservo.apps.remote.arm_server import ArmServer
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.zenoh_session import open_server
 
 
@@ -84,7 +84,7 @@ def served_once(_own_folder):
 @pytest.fixture
 def served(served_once, monkeypatch):
     """A served arm that holds, without an operator or a stop."""
-    monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
+    monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     served_once.arm.acknowledge()
     served_once.server.lease.timeout_s = TIMEOUT_S
     yield served_once

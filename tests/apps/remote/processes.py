@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import ikservo
-from ikservo.apps.remote import connection
+from ikservo.apps.remote import client_connection
 from ikservo.apps.remote.address import Endpoint
 from ikservo.apps.remote.arm_server import ArmServer
 from ikservo.apps.remote.zenoh_session import open_server
@@ -101,7 +101,7 @@ def written_goals(arm):
 def operators(pipe):
     """Run each requested function of this module in a forked process; answer with its id."""
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
-    connection._MAX_ROUND_TRIP_S = 60.0  # on a busy machine
+    client_connection._MAX_ROUND_TRIP_S = 60.0  # on a busy machine
     with suppress(EOFError):
         while True:
             name, arguments = pipe.recv()

@@ -10,7 +10,7 @@ from ikservo.apps.remote import certificates as making
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import ArmAddress, Endpoint, parse_host
 from ikservo.apps.remote.arm_server import ArmServer
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.services import MOTIONS, STREAMED, WATCH
 from ikservo.apps.remote.wire_messages import ServiceRequest, Setpoint, encode, result_of
 from ikservo.apps.remote.zenoh_session import Certificate, ask, open_client, open_server
@@ -190,7 +190,10 @@ def test_a_wrong_certificate_is_refused(served, certificates, wrong):
 @pytest.mark.usefixtures("impatient")
 def test_error_of_client_without_tls_says_that_arm_uses_tls(served):
     plain = Endpoint("tcp", "127.0.0.1", served.endpoint.port)
-    with pytest.raises(PortError, match="it is served there with TLS"), open_client([plain], None):
+    with (
+        pytest.raises(PortError, match="arms are served there with TLS"),
+        open_client([plain], None),
+    ):
         pass
 
 
@@ -208,7 +211,7 @@ def test_server_without_tls_is_reported(certificates):
     ("host", "why"),
     [("no-such-host.invalid", "no machine named"), ("127.0.0.1", "nothing listens there")],
 )
-def test_unknown_host_differs_from_host_without_server(host, why):
+def test_error_tells_unknown_host_from_host_without_server(host, why):
     with socket.create_server(("127.0.0.1", 0)) as server:
         free_port = server.getsockname()[1]
     with pytest.raises(PortError, match=why), open_client([Endpoint("tcp", host, free_port)], None):

@@ -65,7 +65,7 @@ def test_network_cut_during_motion_makes_arm_hold(served, proxy, how):
 
 def test_lost_connection_error_says_what_to_check(served, proxy, monkeypatch):
     arm = ikservo.open_arm("so101", port=f"zenoh:desk@127.0.0.1:{proxy.port}")
-    monkeypatch.setattr("ikservo.apps.remote.connection._QUICK_S", 0.1)
+    monkeypatch.setattr("ikservo.apps.remote.client_connection._QUICK_S", 0.1)
     proxy.close()
     with pytest.raises(PortLostError, match="Is that machine on and reachable"):
         arm.where()

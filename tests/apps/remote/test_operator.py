@@ -347,7 +347,7 @@ OPEN = {"move_gripper": {"to": "open"}}
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 2**53])
-def test_queued_motion_with_later_stop_count_is_ended_by_stop(served, ahead):
+def test_stop_ends_queued_motion_despite_its_higher_stop_count(served, ahead):
     before, count = goals_sent(served.arm), served.arm.background.stop_count + ahead
     request = ServiceRequest(schema=SCHEMA, stop_count=min(count, 2**53))
     arrived = served.server._requested(request)  # and waits for its turn

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.client_connection import Connection
 from ikservo.apps.remote.remote_arm import RemoteArm
 from ikservo.apps.teaching.mcap_recording import CALIBRATION_FILE, read_attachment
 from ikservo.apps.teaching.replaying import Replay
@@ -492,7 +492,9 @@ def test_result_of_wrong_type_raises_one_error(monkeypatch, served, request_to, 
             arm.enable()
         for wrong in WRONG:
             with monkeypatch.context() as patch:
-                patch.setattr("ikservo.apps.remote.connection.result_of", lambda _, w=wrong: w)
+                patch.setattr(
+                    "ikservo.apps.remote.client_connection.result_of", lambda _, w=wrong: w
+                )
                 with pytest.raises(IkservoError, match="sent an unexpected reply"):
                     request_to(arm)
     served.arm.stop()

@@ -189,7 +189,7 @@ def test_ros_stop_reports_torque_of_servos(graph):
     graph.arm.acknowledge()
     graph.arm.enable()
     assert holding[0].endswith("until /acknowledge is called; torque stays on.")
-    assert limp[0].endswith("until /acknowledge is called; torque is off, the arm is limp.")
+    assert limp[0].endswith("until /acknowledge is called; torque is off; the arm is limp.")
     assert holding[1] == limp[1] == "Stopped from ROS 2."
 
 
@@ -339,7 +339,7 @@ def test_remote_arm_is_bridged_to_ros(graph):
 @pytest.mark.parametrize(
     ("words", "code", "text"),
     [
-        ("--port sim --router 127.0.0.1:9", 3, "No Zenoh router"),
+        ("--port sim --router 127.0.0.1:9", 3, "Start it: ros2 run rmw_zenoh_cpp"),
         ("--port sim --router a/b/c", 2, "Expected"),
         ("--port sim --namespace 3d", 2, "namespace"),
         ("--port sim --domain 300", 2, "--domain"),

@@ -95,7 +95,7 @@ def test_velocities_of_trajectory_points_are_kept():
         (trajectory(["a"], *[(0.1 * k, [0.0]) for k in range(10_001)]), "10001 points"),
     ],
 )
-def test_unusable_trajectory_says_why(message, found):
+def test_unusable_trajectory_is_refused_with_reason(message, found):
     with pytest.raises(IkservoError, match=found):
         goal(message)
 

@@ -166,7 +166,7 @@ def test_a_recording_that_begins_or_ends_in_the_table_is_refused(recorded, order
         assert registers(arm, "goal_position") == before
 
 
-def test_recording_that_starts_in_box_is_refused_by_arm_in_it(recorded):
+def test_recording_in_box_is_refused_although_arm_is_in_it(recorded):
     model = ikservo.load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     box = KeepOutBox("the cup", tip_m - 0.02, tip_m + 0.02)

@@ -154,7 +154,7 @@ def at_one_time(folder):
         (at_one_time, "episode 0: has two frames with the same time"),
     ],
 )
-def test_a_damaged_data_set_is_one_error_and_nothing_is_written(
+def test_damaged_data_set_is_refused_and_nothing_is_written(
     exported, run_cli, tmp_path, spoil, text
 ):
     spoil(exported)

@@ -29,5 +29,5 @@ def test_export_csv_writes_file_if_named(recording, tmp_path):
 
 
 @pytest.mark.parametrize("words", [["csv"], ["excel"], ["csv", "/nope.jsonl"]])
-def test_invalid_export_is_usage_error(words):
+def test_invalid_export_command_gives_usage_error(words):
     assert main(["export", *words]) == 2

@@ -78,7 +78,7 @@ def test_mcap_joints_goals_poses_and_health_are_readable(recorded):
     assert float(servo["temperature [°C]"]) == state["elbow_flex"].temperature_c
 
 
-def test_mcap_link_poses_lead_to_tip(recorded):
+def test_mcap_link_poses_add_up_to_tip_position(recorded):
     path, _, _ = recorded
     found = messages(path)
     rows = {row.child_frame_id: row for row in found["/tf"][0].transforms}
@@ -254,7 +254,7 @@ def test_ros_2_bag_is_replayed_with_any_order_and_extra_joints(tmp_path, order):
         ([], "has no sample"),
     ],
 )
-def test_a_bag_that_cannot_be_replayed_says_why(tmp_path, rows, found):
+def test_bag_that_cannot_be_replayed_is_refused_with_reason(tmp_path, rows, found):
     path = write_bag(tmp_path / "bag", rows)
     with (
         ikservo.open_arm("so101", port="sim:?pose=home") as arm,

@@ -67,7 +67,7 @@ def test_every_program_step_kind_survives_write_and_read(tmp_path):
         ("", "is empty"),
         ('format = 1\narm = "so101"\nsteps = []', "steps"),
         ("[[steps]]\nwait_s = 0.0", r"step 1, wait_s"),
-        ("[[steps]]\nname = 'x'", r"step 1.*has no action"),
+        ("[[steps]]\nname = 'x'", r"step 1.*but has none"),
         ("[[steps]]\nwait_s = 1.0\npose = 'home'", "has pose and wait_s"),
         ("[[steps]]\nwait_s = 1.0\npath = 'line'", "which wait_s cannot have"),
         ("[[steps]]\ntip_m = [0.1, 0.2, 0.3]\npath = 'arc'", "via_m"),
@@ -86,7 +86,7 @@ def test_every_program_step_kind_survives_write_and_read(tmp_path):
         ("[[steps]]\nmotion.wait = { duration_s = 0.0 }", "step 1, motion: The wait is 0 s"),
     ],
 )
-def test_a_malformed_program_is_one_error_that_names_the_key(tmp_path, text, expected):
+def test_malformed_program_is_refused_naming_the_key(tmp_path, text, expected):
     path = tmp_path / "bad.toml"
     head = "" if not text or "format" in text else 'format = 1\narm = "so101"\n'
     path.write_text(head + text)

@@ -70,7 +70,7 @@ def test_program_check_names_impossible_steps_and_exits_with_7(run_cli, file):
         ("program run {file} --yes --step", 2),
     ],
 )
-def test_bad_program_command_is_one_error(run_cli, file, line, code):
+def test_bad_program_command_gives_one_clear_error(run_cli, file, line, code):
     result = run_cli(f"{line.format(file=file)} {SIM}")
     assert result.code == code
     assert result.out == ""

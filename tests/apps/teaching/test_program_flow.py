@@ -97,7 +97,7 @@ def test_called_program_of_another_arm_is_refused(arm, tmp_path):
 ], ids=["calls itself", "never ends"])  # fmt: skip
 def test_called_program_that_calls_or_never_ends_is_refused(arm, tmp_path, inner):
     write_program(tmp_path / "inner.toml", inner)
-    with pytest.raises(InputError, match="cannot be called: it"):
+    with pytest.raises(InputError, match="cannot be called, because it"):
         make_run(arm, tmp_path, {"program": "inner.toml"})
 
 

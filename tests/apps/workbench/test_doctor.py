@@ -54,7 +54,8 @@ def lines_of(result, topic):
         (lambda s: s[3].memory.put("model_number", 9), "models",
          "✗ models    elbow_flex (id 3) is a servo of unknown model 9, not a STS3215"),
         (lambda s: s[3].memory.put("max_voltage_limit", 60), "supply",
-         "✗ supply    elbow_flex (id 3) has a supply of 7.4 V; 4.0 to 6.0 V are allowed"),
+         "✗ supply    elbow_flex (id 3) has a supply voltage of 7.4 V; "
+         "the allowed range is 4.0 to 6.0 V"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 64.0), "heat",
          "! heat      elbow_flex (id 3) is at 63 °C"),
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 68.0), "heat",
@@ -91,7 +92,7 @@ def test_doctor_names_cable_behind_last_replying_servo(run_cli, monkeypatch):
             line.servos[number].powered = False
 
     change_bus(monkeypatch, change)
-    assert "check the cable from elbow_flex to wrist_flex." in run_cli(f"doctor {SIM}").out
+    assert "Check the cable from elbow_flex to wrist_flex." in run_cli(f"doctor {SIM}").out
 
 
 def test_doctor_counts_lost_reads(run_cli, monkeypatch):
@@ -290,4 +291,7 @@ def test_doctor_reports_wrong_supply_of_all_servos_once(run_cli, tmp_path):
     faults.write_text('[[fault]]\nkind = "voltage"\nvolts = 12.0\nfor_s = 1000.0\n')
     done = run_cli(f"doctor --arm so101 --port sim:?faults={faults}")
     bad = [line for line in done.out.splitlines() if line.startswith("✗")]
-    assert bad == ["✗ supply    all 6 servos have a supply of 12.0 V; 4.0 to 8.0 V are allowed"]
+    assert bad == [
+        "✗ supply    all 6 servos have a supply voltage of 12.0 V; "
+        "the allowed range is 4.0 to 8.0 V"
+    ]

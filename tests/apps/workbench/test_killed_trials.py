@@ -8,10 +8,10 @@ import sys
 import pytest
 
 from ikservo.apps.workbench.findings import Severity
+from ikservo.apps.workbench.gain_search import keeping_gains
 from ikservo.apps.workbench.servo_checks import check_servos
-from ikservo.apps.workbench.servo_tuning import keeping_gains
 from ikservo.apps.workbench.servo_workbench import ServoLine, plan_writes, write_registers
-from ikservo.apps.workbench.tried_values import note_former, restore_former, tried_differences
+from ikservo.control.servo_gains import note_former, restore_former, tried_differences
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir
 from ikservo.hardware import ServoBus, ServoSpec
@@ -25,7 +25,7 @@ TRIAL = """
 import sys, time
 from ikservo.hardware import ServoBus, ServoSpec
 from ikservo.hardware.port import open_port
-from ikservo.apps.workbench.servo_tuning import keeping_gains, write_gains
+from ikservo.apps.workbench.gain_search import keeping_gains, write_gains
 from ikservo.registers import MODELS
 
 servo = ServoSpec(3, MODELS["STS3215"])

@@ -124,7 +124,7 @@ def test_full_disk_ends_packet_log_but_not_communication(path, monkeypatch):
     assert len(list(read_packet_log(path))) >= 2
 
 
-def test_unwritable_packet_log_is_one_error(tmp_path):
+def test_unwritable_packet_log_gives_one_clear_error(tmp_path):
     path = str(tmp_path / "none" / "log.pcapng")
     with pytest.raises(FileWriteError, match="cannot be written"):
         recorded_transport(make_transport({1: "STS3215"}), path, "bench")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.apps.workbench.provisioning import ServoSettings, provision
+from ikservo.apps.workbench.id_and_baud_rate import ServoSettings, provision
 from ikservo.errors import BadValueError, BusError, CalibrationError
 from ikservo.hardware import ServoSpec, backup_path, open_port, read_backup
 from ikservo.hardware.scan import FoundServo

@@ -79,7 +79,7 @@ def test_servo_write_dry_run_writes_nothing(run_cli, ports):
         (f"servo reboot {ELBOW} --yes", ExitCode.SILENT, "does not support reboot"),
     ],
 )
-def test_wrong_servo_command_is_one_error_and_writes_nothing(run_cli, ports, words, code, said):
+def test_wrong_servo_command_gives_one_error_and_writes_nothing(run_cli, ports, words, code, said):
     result = run_cli(words)
     assert result.code == code, result.err
     assert said in result.err

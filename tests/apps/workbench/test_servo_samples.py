@@ -38,7 +38,7 @@ def test_sampling_ends_with_its_duration(period_s, count):
     assert bus.clock.now_s() - since_s < 0.3
 
 
-def test_sampling_of_silent_servo_is_an_error():
+def test_sampling_of_silent_servo_raises_bus_error():
     bus = make_bus({1: "STS3215"})
     bus.port.transport.line.faults.add(Fault("silent", id=1))
     with pytest.raises(BusError):

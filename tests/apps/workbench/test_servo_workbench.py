@@ -290,7 +290,7 @@ def test_id_taken_at_new_baud_rate_is_refused_before_writing():
         ("XL430-W250", "protocol_type", 1),
     ],
 )
-def test_write_that_ends_replies_or_shares_goals_is_refused(model, name, raw):
+def test_register_that_ends_replies_or_shares_goals_is_protected(model, name, raw):
     line = line_of(model)
     with pytest.raises(RegisterAccessError):
         write(line, {name: raw})

@@ -137,12 +137,23 @@ def test_setup_json_has_one_object_per_servo(set_up):
     }  # fmt: skip
 
 
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("arm", ["so101", "koch", "wx250s"])
+def test_simulated_hand_plugs_in_new_servos_one_by_one(run_cli, arm):
+    result = run_cli(f"setup {arm} --port sim:?hand=setup --yes")
+    assert result.code == 0, result.err
+    first, *others = result.out.splitlines()
+    assert "id 9 → 1" in first
+    assert all(f"id 1 → {servo_id}" in line for servo_id, line in enumerate(others, start=2))
+    assert "More than one servo" not in result.err  # one servo was listed twice
+
+
 def test_setup_names_joint_and_asks_to_unplug(set_up):
     _, result = set_up["koch"]
     assert "3 of 6: plug in only the XL330-M288 of elbow_flex (id 3) …" in result.err
-    assert result.err.count("Unplug it.") == 5
+    assert result.err.count("Unplug this servo.") == 5
     assert result.err.splitlines()[-1] == (
-        "All servos are set up. Plug them together, then: ikservo doctor --arm koch"
+        "All servos are set up. Connect them to each other, then run: ikservo doctor --arm koch"
     )
 
 
@@ -326,7 +337,7 @@ def test_setup_reports_intermittent_replies_of_servo(run_cli, monkeypatch):
         found = scan_rate(port, rate, framings)
         return found if found and next(looks) % 2 else []
 
-    monkeypatch.setattr("ikservo.apps.workbench.provisioning.scan_rate", now_and_then)
+    monkeypatch.setattr("ikservo.apps.workbench.id_and_baud_rate.scan_rate", now_and_then)
     result = run_cli("setup so101 --port sim --start gripper --yes --wait 5")
     assert result.code == 4
     assert "has STS3215 at id 6, 1000000 baud, which did not answer reliably" in result.err

@@ -118,7 +118,7 @@ def same_point(arm, count):
 
 
 @pytest.mark.full
-def test_one_unmeasured_point_fits_zeros_but_not_base():
+def test_touches_of_one_unknown_point_fit_zeros_but_not_base():
     arm = hidden("koch", 7)
     found = select_and_fit(arm.chain, same_point(arm, 12))
     assert found.after_m < 0.5 * found.before_m

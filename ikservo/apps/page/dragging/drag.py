@@ -109,16 +109,10 @@ def start_joint_drag(
     *,
     slides: bool,
 ) -> JointDrag:
-    """Start a drag of a joint.
+    """Start a drag of the joint at ``column`` of q by a point (3,).
 
-    Args:
-        column: The index of the joint in q.
-        camera: The user's camera.
-        line: A point (3,) of the axis, and its direction (3,).
-        px: Position of the pointer (2,).
-        point_m: The grabbed point (3,).
-        position: The joint's position, rad or m.
-        slides: Whether the joint is prismatic.
+    ``line`` is a point (3,) of its axis and the direction (3,), ``px`` the pointer (2,),
+    ``position`` the joint's, rad or m.
     """
     pivot, axis = line
     line_of_sight = camera.ray(camera.project(pivot)[0]).direction
@@ -140,11 +134,7 @@ Names = tuple[tuple[str, str] | None, ...]
 
 
 class CandidateSelection:
-    """Selection among the overlapping things under a resting pointer.
-
-    Args:
-        hit_tester: Finds the things.
-    """
+    """Selection among the overlapping things under a resting pointer."""
 
     def __init__(self, hit_tester: HitTester) -> None:
         self._hit_tester = hit_tester
@@ -155,7 +145,7 @@ class CandidateSelection:
     def candidates_at(
         self, at: Vector, context: PointerContext
     ) -> tuple[PickCandidate | None, ...]:
-        """List what a press at a pixel (2,) can grab: links and objects, None, then fixed links."""
+        """List what a press can grab: links and objects, the free plane (None), fixed links."""
         found = self._hit_tester.candidates_at(at, context)
         fixed = tuple(each for each in found if each.kind == "fixed")
         return (*found[: len(found) - len(fixed)], None, *fixed)
@@ -271,11 +261,6 @@ class _Fixture:
 class Drag:
     """Converts pointer, wheel and key events to commands.
 
-    Args:
-        chain: The arm, with its own limits.
-        picker: Finds its links.
-        objects: Finds the objects of the scene, in the base frame; None for none.
-
     Attributes:
         moved_thing: The object that is dragged, or was dragged last; None after another press.
     """
@@ -362,8 +347,8 @@ class Drag:
                 hit = self._grabbed.found.hit
                 where = ", ".join(f"{x:z.3f}" for x in hit.point_m.tolist())
                 raise InputError(
-                    f"{hit.link} cannot be dragged: no joint moves it; "
-                    f"it was pressed at ({where}) m.",
+                    f"{hit.link} cannot be dragged, because no joint moves it; "
+                    f"you pressed it at ({where}) m.",
                     "Grab a link of the arm; a click, or N, selects the thing behind it.",
                 )
             return None
@@ -379,7 +364,7 @@ class Drag:
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. A repeated click selects what is behind."""
+        """End the drag; the last command stays. A repeated click selects the next thing behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None
@@ -436,14 +421,14 @@ class Drag:
     ) -> tuple[tuple[PickCandidate | None, ...], int]:
         """Return all options of a press at a pixel (2,), and the selected index.
 
-        None stands for the plane of the view: the tip moves there.
+        None stands for the plane of the view: a click on it moves the tip to that point.
         """
         at = np.asarray(px, dtype=np.float64)
         options = self._selection.candidates_at(at, context)
         return options, self._selection.selected_index(at, options)
 
     def select_next(self, px: ArrayLike, context: PointerContext, step: int = 1) -> None:
-        """Select the thing behind the selected one at a pixel (2,), or with -1 in front of it."""
+        """Select the next thing behind the selected one at a pixel (2,), or with -1 in front."""
         self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
 
     def set_objects(self, objects: Picker) -> None:

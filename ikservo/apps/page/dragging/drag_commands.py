@@ -38,7 +38,7 @@ class ToolPoseTarget:
 
 @dataclass(frozen=True, slots=True)
 class JointTarget:
-    """Move one joint to a position inside its limits, rad or m; the others stay."""
+    """Move one joint to a position inside its limits, rad or m; the other joints stay."""
 
     joint: str
     position: float

@@ -66,9 +66,6 @@ class DragSolution:
 class DragSolver:
     """Solves drag commands; the joints beyond a grabbed link stay as they are.
 
-    Args:
-        chain: The arm, with its own limits.
-
     Attributes:
         method: ``auto``, or one of ``ikservo.ik.METHODS``.
         posture: Preferred posture if the target leaves freedom (null-space motion), for
@@ -219,12 +216,7 @@ class PosturePreference:
     weights: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def make_posture(self, model: Model, chain: Chain, here: Vector) -> Posture | None:
-        """Make the posture in joints; None for ``none``.
-
-        Args:
-            model: Has the poses.
-            chain: The joints of the posture.
-            here: The current joint positions (dof,).
+        """Make the posture from the chain's current joints (dof,); None for ``none``.
 
         Raises:
             UnknownNameError: There is no such pose or joint.
@@ -240,5 +232,7 @@ class PosturePreference:
     def page_fields(self, solver: str) -> dict[str, object]:
         """Return the preference as fields for the page, with a note if the solver ignores it."""
         idle = self.pose != NONE and solver not in _LEANING_METHODS
-        note = f"{solver} has no null space: it cannot prefer a posture." if idle else ""
+        note = (
+            f"{solver} does not use the null space, so it cannot prefer a posture." if idle else ""
+        )
         return {"pose": self.pose, "weights": dict(self.weights), "note": note}

@@ -15,12 +15,7 @@ _ONE_GESTURE_S = 0.7  # messages of one kind within this time are one gesture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastGoal:
-    """An earlier target.
-
-    Attributes:
-        goal: All joints (n,), rad or m; None if there was no goal.
-        marker: The marker of the target, if there was one.
-    """
+    """An earlier target: all joints (n,), rad or m, and the marker, if there were any."""
 
     goal: Vector | None
     marker: TargetMarker | None
@@ -47,11 +42,8 @@ class GoalHistory:
     def record(self, before: PastGoal, kind: str, now_s: float) -> None:
         """Record the target before it is changed.
 
-        Args:
-            before: The target before the change.
-            kind: The input that changes it; a repetition within 0.7 s belongs to the same gesture.
-                Empty for an input that is always a gesture of its own.
-            now_s: The time.
+        A ``kind`` of input that is repeated within 0.7 s belongs to the same gesture; an input of
+        an empty kind is always a gesture of its own.
         """
         continued = bool(kind) and kind == self._last_kind
         is_same_gesture = continued and now_s - self._last_s < _ONE_GESTURE_S

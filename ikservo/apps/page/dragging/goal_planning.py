@@ -96,7 +96,8 @@ class PlanRequest:
     def has_sagged_since(self, before: PlanRequest) -> bool:
         """Return whether the only change is that a limp arm sank a little.
 
-        A joint outside its limits may not return even the few ticks to the start of the plan.
+        For a joint outside its limits, even a few ticks count, because the guard may not let it
+        move back to the start of the plan.
         """
         there = copy(self)
         there.start = before.start
@@ -157,9 +158,11 @@ class PlannedPath:
         """
         change = now.change_since(self.request)
         if change and not now.has_sagged_since(self.request):
-            raise RefusedError(f"{change}; planning again.", "Then press Go there again.")
+            raise RefusedError(
+                f"{change}; planning again.", "Press Go there again when the path is shown."
+            )
         if self.refusal is not None:
-            raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
+            raise RefusedError(self.refusal.reason, "Nothing moved. Choose another target.")
         if self.plan is None:
             raise RefusedError(
                 "The path to the target is not planned yet.", "Wait until it is shown."
@@ -175,10 +178,7 @@ class PlannedPath:
 def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) -> PlannedPath:
     """Plan the path to a requested goal; the result carries the refusal if there is no path.
 
-    Args:
-        arm: The arm; nothing moves, and no servo is read.
-        request: The request.
-        withdrawn: Event that ends the search once the request is withdrawn.
+    Nothing moves, and no servo is read. The search ends once ``withdrawn`` is set.
     """
     index = arm.joint_index
     start = PlannedStart(request.start, request.allowed_speed)
@@ -224,9 +224,6 @@ def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> 
 
 class GoalPlanner:
     """Plans one path at a time in its own thread; a newer request replaces the running one.
-
-    Args:
-        arm: The arm; nothing moves, and no servo is read.
 
     Attributes:
         path: The path to the goal; None if there is none.

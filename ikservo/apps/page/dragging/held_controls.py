@@ -35,12 +35,9 @@ class GripperControl:
     ) -> float | None:
         """Compute the next joint goal, rad or m; None while no button is held.
 
-        Args:
-            grip: 1 closes, -1 opens; smaller values move more slowly.
-            goal: The previous goal, rad or m.
-            measured: Measured positions of all joints (n,), which the goal must not lead by much;
-                None in the preview, which presses on nothing.
-            now_s: The time.
+        A ``grip`` of 1 closes, -1 opens, and smaller values move more slowly. The goal leads the
+        ``measured`` joints (n,) only a little, so that the jaws do not press hard. In the preview,
+        ``measured`` is None, and the lead is not limited.
         """
         elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_GRIP_STEP_S), now_s
         if not grip:
@@ -81,13 +78,9 @@ class GamepadControl:
     def make_command(
         self, message: Gamepad, camera: Camera, tip_m: Vector, now_s: float
     ) -> DragTarget | None:
-        """Return the next target of the tip; None while the sticks are centred.
+        """Return the target after the tip goal (3,); None while the sticks are centred.
 
-        Args:
-            message: The deflection of the sticks.
-            camera: The user's camera; directions are relative to the screen.
-            tip_m: Tip position (3,) of the previous goal.
-            now_s: The time.
+        Directions are relative to the screen.
         """
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         x, y, _, towards = message.axes

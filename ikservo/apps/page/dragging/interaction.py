@@ -39,7 +39,7 @@ from ikservo.errors import UnknownNameError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.arm_model import Obstacle
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 
 _STEPS_HZ = 30.0
 _MAX_WARNINGS = 6
@@ -47,10 +47,6 @@ _MAX_WARNINGS = 6
 
 class Interaction:
     """Turns input messages into the goal of all joints; without a goal the arm holds.
-
-    Args:
-        arm: The arm to move, with its own limits.
-        clock: Clock for the time stamps of messages.
 
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
@@ -129,7 +125,7 @@ class Interaction:
 
     @property
     def drawn_goal(self) -> Vector | None:
-        """All joints (n,) to draw as the goal: of the target, or the end of several motions."""
+        """All joints (n,) to draw as the goal: at the target, or after several motions."""
         path = self.path if self.goal is None else None
         return self.goal if path is None or path.run is None or not path.plan else path.plan.goal
 
@@ -157,7 +153,7 @@ class Interaction:
             self.path, self.refusal = path, refusal
             self.revision += 1
             if path is not None and path.plan is not None and path.plan.around:
-                self.log(f"On the straight path {path.plan.around}; the arm goes around.")
+                self.log(f"On the straight path, {path.plan.around}; the arm goes around.")
         if refusal is not None and refusal is not self._logged and not self.is_choosing:
             self._logged = refusal
             self.log(refusal.reason, "bad")

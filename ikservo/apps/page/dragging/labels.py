@@ -23,7 +23,7 @@ STOP_TEXTS: dict[StopInput, str] = {
     "button": "Stopped from the page",
     "Space": "Stopped by the Space key on the page",
     "Escape": "Stopped by the Escape key on the page",
-    "gamepad": "Stopped by a gamepad of the page",
+    "gamepad": "Stopped by a gamepad on the page",
 }
 """Text for each control that can stop the arm, as the beginning of a sentence."""
 
@@ -37,9 +37,7 @@ _LOW_SUPPLY, _HIGH_SUPPLY = 0.8, 1.2
 def describe_target(marker: TargetMarker, method: str | None = None) -> str:
     """Describe the result for a target: reached, or the nearest point and the active limits.
 
-    Args:
-        marker: The target.
-        method: The iterative method that ended there, not necessarily at the nearest point.
+    The iterative ``method`` has not necessarily ended at the nearest point.
     """
     if marker.reached:
         return f"target {format_point(marker.target_m)}"
@@ -64,7 +62,7 @@ def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
     plan = path.plan
     if plan is None:
         return [("path", "is being planned", "")]
-    direct = "straight" if path.is_straight else "out of contact"
+    direct = "straight" if path.is_straight else "leaving contact"
     how = "around" if plan.around else direct if path.run is None else "with the jaws"
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:
@@ -89,12 +87,7 @@ def format_supply(volts: Sequence[float]) -> str:
 
 
 def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict[str, object]]:
-    """Return a row for each servo: temperature, voltage, load, torque, alarms, warning level.
-
-    Args:
-        states: The servos.
-        limits: The temperatures of warning and stop.
-    """
+    """Return a row for each servo: temperature, voltage, load, torque, alarms, warning level."""
     rows: list[dict[str, object]] = []
     for state in states:
         is_loaded = abs(state.load_percent or 0.0) >= _LOADED_PERCENT
@@ -118,13 +111,7 @@ def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict
 def condition_rows(
     states: Sequence[JointState], supply_v: float | None, limits: HealthLimits
 ) -> list[tuple[str, str, str]]:
-    """Return rows of name, text and level for present faults: supply, alarms, torque off.
-
-    Args:
-        states: The servos.
-        supply_v: The nominal supply of the arm; None if the arm file does not give it.
-        limits: The limits of the supply that the arm file gives.
-    """
+    """Return rows of name, text and level for present faults: supply, alarms, torque off."""
     rows: list[tuple[str, str, str]] = []
     low_v, high_v = limits.low_v, limits.high_v
     if supply_v is not None:
@@ -148,12 +135,7 @@ _UNITS = {1: "m", 2: "m²", 3: "m³"}
 def insight_rows(
     measured: Conditioning, analysis: PostureAnalysis | None
 ) -> list[tuple[str, str, str]]:
-    """Return rows of name, text and level: manipulability, nearest singularity, hidden links.
-
-    Args:
-        measured: The conditioning of the arm's posture.
-        analysis: The analysis of that posture; None if not available yet.
-    """
+    """Return rows of name, text, level: manipulability, singularity, hidden links if known."""
     unit = _UNITS.get(len(measured.moves_m_rad), "")
     value = f"{measured.manipulability:.2g} {unit}, "
     rows = [("manipulability", f"{value}at worst {measured.slowest_m_rad * 1000:.0f} mm/rad", "")]
@@ -180,9 +162,7 @@ _TIP = {"name": "the tip moves here", "what": "", "at": "", "depth": "", "depth_
 def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list[dict[str, object]]:
     """Return a row for each thing under the pointer: name, hit point, depth behind the first.
 
-    Args:
-        options: The result of ``Drag.candidates_under``; None stands for the plane of the view.
-        chosen: Index of the selected option.
+    An option of None stands for the plane of the view.
     """
     first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)
     rows: list[dict[str, object]] = []

@@ -66,12 +66,7 @@ class GoalRefusal:
 
 @dataclass(frozen=True, slots=True)
 class StopNotice:
-    """The reason why the arm holds until a user acknowledges it, as the command line formats it.
-
-    Attributes:
-        message: The event.
-        hint: The remedy.
-    """
+    """The reason why the arm holds until a user acknowledges it, as the command line formats it."""
 
     message: str
     hint: str = ""
@@ -100,7 +95,7 @@ class ArmSnapshot:
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
-        start: The start of a motion (n,).
+        start: The joints (n,) at which a motion would start now.
         read_s: The time of the measurement.
         reference: The reference of the joints (n,); None while no session runs.
         states: Telemetry of the servos, a little older.

@@ -82,14 +82,7 @@ def trace_method(
     method: str,
     posture: Posture | None = None,
 ) -> SolverTrace:
-    """Solve for a target with a method and record its iterations.
-
-    Args:
-        chain: The arm.
-        target_m: The target of the tip (3,), metres.
-        q0: The start (dof,).
-        method: One of ``SOLVERS``.
-        posture: Preferred posture, if the method has a null space.
+    """Solve for a target (3,) [m] from q0 (dof,) with one of ``SOLVERS``; record its iterations.
 
     Raises:
         UnknownNameError: There is no such method.

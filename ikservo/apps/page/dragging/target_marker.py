@@ -22,7 +22,7 @@ class TargetMarker:
         binding: The active limits.
         frame: The link that was grabbed; None for the tip.
         stance: The wanted orientation of the tool; None if there is none, or a link was grabbed.
-        turn_error_rad: The angle between the tool and its wanted orientation; 0 if none.
+        turn_error_rad: The angle between the tool and its wanted orientation; 0 if none is wanted.
     """
 
     target_m: Vector

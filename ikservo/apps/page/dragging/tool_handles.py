@@ -90,11 +90,7 @@ def _frame_along(first: Vector, R: Matrix) -> Matrix:
 
 
 class ToolDrag:
-    """A drag of the handles, relative to the pose of the tool when they were pressed.
-
-    Args:
-        chain: The arm.
-    """
+    """A drag of the handles, relative to the pose of the tool when they were pressed."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain, self._plane = chain, ArmPlane(chain)
@@ -130,11 +126,7 @@ class ToolDrag:
 
 
 class ToolPoseSolver:
-    """Tracks tool poses on the present IK branch: the position first, then the orientation.
-
-    Args:
-        chain: The arm.
-    """
+    """Tracks tool poses on the present IK branch: the position first, then the orientation."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain, self._plane = chain, ArmPlane(chain)

@@ -23,11 +23,7 @@ _STAYS = "Nothing was changed."
 
 
 class JointRanges:
-    """Joint positions in the units that the page shows and sends.
-
-    Args:
-        arm: The arm, with its own limits.
-    """
+    """Joint positions in the units that the page shows and sends."""
 
     def __init__(self, arm: Arm) -> None:
         self._index = arm.joint_index
@@ -98,17 +94,13 @@ class JointRanges:
         )
         name = self._index.names[column]
         return (
-            f"{name} cannot be at {round(value, 1):g}{unit}: it goes from {low} to {high}{unit} "
+            f"{name} cannot be at {round(value, 1):g}{unit}; its range is {low} to {high}{unit} "
             f"({self._sources[column]})."
         )
 
 
 class ToolTargets:
-    """Solves targets of the tool: one value is given, the others stay if possible.
-
-    Args:
-        arm: The arm.
-    """
+    """Solves targets of the tool: one value is given, the others stay if possible."""
 
     def __init__(self, arm: Arm) -> None:
         self._chain, self._tool = arm.chain, tool_frame(arm.model)
@@ -167,7 +159,7 @@ class ToolTargets:
         start = self._chain.clip(q)
         found = solve_with_orientation(
             self._chain, self._tool, Target(position), orientation, start
-        ).solution
+        )
         if not found.reached:
             raise UnreachableError(
                 position.tolist(), found.nearest_m.tolist(), [str(limit) for limit in found.binding]

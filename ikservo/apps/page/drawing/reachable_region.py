@@ -73,12 +73,6 @@ def slice_plane(
     """Compute the plane of a view at joints (dof,); None for a view without one.
 
     In the views from above and from the front it contains the tip, rounded to a centimetre.
-
-    Args:
-        extent: The extent of the arm.
-        name: The view.
-        q: The joints.
-        find_tip_m: Returns the position (3,) of the tip, for views that need it.
     """
     if name == "orbit":
         return None
@@ -127,11 +121,7 @@ _MAX_CACHED = 64
 
 
 class ReachableRegionCache:
-    """Computes one region at a time in the background; callers poll ``get``.
-
-    Args:
-        chain: The arm, with its own limits.
-    """
+    """Computes one region at a time in the background; callers poll ``get``."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -140,12 +130,7 @@ class ReachableRegionCache:
         self._busy: tuple[tuple[str, float], Future[ReachableRegion]] | None = None
 
     def get(self, plane: SlicePlane, *, idle: bool = True) -> ReachableRegion | None:
-        """Return the region in a plane; if it is not cached, return None and start computing it.
-
-        Args:
-            plane: The plane.
-            idle: Whether a computation may start now.
-        """
+        """Return the region in a plane; if it is not cached, return None and, if idle, start it."""
         if self._busy is not None and self._busy[1].done():
             key, future = self._busy
             self._busy = None

@@ -28,12 +28,12 @@ from ikservo.apps.page.picking.lens_camera import LensCamera
 from ikservo.apps.page.picking.link_poses import other_joint_position
 from ikservo.apps.page.picking.projection import NEAR_PLANE_M, Camera
 from ikservo.apps.page.picking.viewpoints import ArmExtent
+from ikservo.calibration.joint_limits import at_distance, near_distance
 from ikservo.kinematics import Chain, ChainJoint, JointType
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
-from ikservo.model.arm_model import at_distance, near_distance
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 from ikservo.model.tool import tool_frame
 
 _DIGITS = 7  # decimals of positions, 0.1 µm
@@ -43,11 +43,6 @@ _SWEPT = slice(4, 24, 4)  # postures along a path at which the whole arm is draw
 
 class SceneGraph:
     """Data from which the page draws an arm.
-
-    Args:
-        model: The arm.
-        chain: The joints of the arm, with calibrated limits.
-        extent: The space that the arm can occupy.
 
     Attributes:
         description: Everything that does not move, except the 3D shapes.
@@ -95,9 +90,7 @@ class SceneGraph:
     def fields(self, state: SceneState, *, handles: bool = False) -> Fields:
         """Return the fields of a scene: joint positions of arm and goal, camera, marks.
 
-        Args:
-            state: The state to show.
-            handles: Axes (3, 3) of the tool's handles in the base frame; None without handles.
+        ``handles`` are the axes (3, 3) of the tool's handles in the base frame.
         """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
         marker, axes, region = None, None, state.region
@@ -162,7 +155,7 @@ class _JointPositions:
         self._others = [(i, step.joint) for i, step in enumerate(moving) if not step.scale]
 
     def at(self, q: Vector, others: Mapping[str, float]) -> list[float]:
-        """Compute the positions, rad or m, at joints (dof,) and joints that q does not move."""
+        """Compute the positions, rad or m, from q (dof,) and ``others``: other joints by name."""
         at: Vector = self._scales * q[self._columns] + self._shifts
         for i, joint in self._others:
             other = other_joint_position(joint, others)

@@ -11,7 +11,7 @@ from ikservo.app_discovery import all_apps, load_place
 from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.running.arm_job import JobObserver, refusals_logged
 from ikservo.apps.page.running.arm_thread import ArmThread
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.clock import Clock
@@ -47,12 +47,7 @@ class RunMotion:
 
 
 class AppPanels:
-    """Shows the panels of all apps; a panel that fails is replaced by its error.
-
-    Args:
-        arm_thread: Owns the arm.
-        clock: The time of the page.
-    """
+    """Shows the panels of all apps; a panel that fails is replaced by its error."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
         self._arm_thread, self._clock = arm_thread, clock
@@ -61,7 +56,7 @@ class AppPanels:
         self._updated_s = -math.inf
 
     def frames(self, client: Client, own: Mapping[str, Panel]) -> list[Frame]:
-        """Return these panels of the page and those of all apps, if a client has older ones."""
+        """Return the page's ``own`` panels and those of all apps if a client has older ones."""
         now_s = self._clock.now_s()
         if self._places and now_s - self._updated_s >= _PERIOD_S:
             self._updated_s = now_s

@@ -19,9 +19,9 @@ from ikservo.apps.cameras.arm_camera import (
     table_m,
 )
 from ikservo.apps.cameras.blocks import find_block_at, find_blocks
+from ikservo.apps.cameras.board_detection import Picture, find_board, is_mirrored
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
-from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
 from ikservo.apps.cameras.tip_click import TipZero, find_tip_zero
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot
 from ikservo.apps.page.messages.page_messages import BadMessageError
@@ -129,7 +129,7 @@ class CameraView:
         picture, (width, height) = self._video.newest, self._model.lens.size
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"
-            return f"The pictures are {seen}, not {width} x {height} as calibrated."
+            return f"The pictures have {seen} pixels, not {width} x {height} as calibrated."
         return ""
 
     @property
@@ -146,15 +146,10 @@ class CameraView:
             BadMessageError: The picture is old, or the camera has moved.
         """
         if self.trouble:
-            raise BadMessageError(self.trouble, "Nothing moves. Choose a target in another view.")
+            raise BadMessageError(self.trouble, "Nothing moved. Choose a target in another view.")
 
     def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
-        """Find the zero that puts the tip at the click.
-
-        Args:
-            camera: The camera of the drawing.
-            px: The pixel (2,) of the drawing.
-            snapshot: The arm.
+        """Find the zero that puts the tip at a click on a pixel (2,) of the drawing.
 
         Raises:
             BadMessageError: The picture is not usable, or the arm is not at rest.
@@ -168,11 +163,7 @@ class CameraView:
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
-        """Check periodically, while a page shows the picture, whether the camera has moved.
-
-        Args:
-            measured: All joints (n,).
-        """
+        """Check periodically, while a page shows the picture, whether the camera has moved."""
         now_s, rests = self._clock.now_s(), self._rests(measured)
         if self._checking is not None:
             if self._checking.done():

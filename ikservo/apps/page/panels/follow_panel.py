@@ -9,7 +9,7 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.follow_job import FollowLeader
 from ikservo.apps.page.running.follow_lag import MAX_LAG_S
 from ikservo.apps.page.running.leader import LeadArm, LeaderFeed
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.arm.leader_following import shared_joints
@@ -24,13 +24,7 @@ FindArm = Callable[[str], ArmThread | None]
 
 
 class FollowPanel:
-    """Couples the arm to a leader and shows its lag.
-
-    Args:
-        arm_thread: Owns the arm that follows.
-        clock: The common time of all arms of the page.
-        find_arm: Finds the leader.
-    """
+    """Couples the arm to a leader, another arm of the page, and shows its lag."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock, find_arm: FindArm) -> None:
         self._arm_thread, self._clock, self._find_arm = arm_thread, clock, find_arm
@@ -56,7 +50,7 @@ class FollowPanel:
             arm.context.require_zeros()
         if all(state.torque for state in leader.snapshot.states):
             raise InputError(
-                f"{leader_name} holds, so you cannot guide it.",
+                f"{leader_name} holds its position, so you cannot guide it.",
                 "Release it first; an arm that is not supported falls.",
             )
         joints = tuple(shared_joints(leader.arm.model, follower.model))

@@ -1,4 +1,4 @@
-"""What to pick up or put down: chosen by a click, searched for in another thread, and offered."""
+"""The thing to pick up or put down: a click chooses it, and another thread searches for it."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ HEADING = "What to pick up"
 class _GraspChoice:
     """What the user has chosen; any change of the circumstances ``before`` withdraws it.
 
-    The motion is the pick or place, None until one block is found. Before that, ``look`` finds
-    blocks. The key is the goal of requests, which only distinguishes this choice from others.
+    ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key`` is
+    the goal in plan requests; it only distinguishes this choice from others.
     """
 
     before: object
@@ -66,7 +66,7 @@ class GraspOffer:
                 of date, or the arm has no gripper.
         """
         if self._arm.model.gripper is None or self._pick_box is None:
-            raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moves.")
+            raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moved.")
         view.require_usable()
         blocks = () if self._choice is None else self._choice.blocks
         grip: Any = self._arm.grip

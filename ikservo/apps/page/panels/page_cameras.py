@@ -63,10 +63,7 @@ class PageCameras:
     ) -> VideoSource | None:
         """Open the video source that the page shows for an arm; None if it has none.
 
-        Args:
-            arm: The arm.
-            exits: Stack that closes a simulated camera, which belongs to this arm alone.
-            source: The source of the pictures; None: the first choice.
+        ``exits`` closes a simulated camera, which belongs to this arm alone.
 
         Raises:
             CalibrationError: A camera is named, but the arm has no calibrated camera.
@@ -133,7 +130,7 @@ class ArmCameras:
         video: The source of the pictures that are shown; None if none are shown.
         name: The name of that camera; see ``CameraView``.
         choices: See ``PageCameras.choices``.
-        chosen: The title of the shown camera; empty for none.
+        chosen: The title of the shown camera; empty if no camera is shown.
 
     Raises:
         IkservoError: See ``PageCameras.open_before``.

@@ -14,7 +14,7 @@ from ikservo.apps.page.panels.program_draft import ProgramDraft, ProgramFolder
 from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.program_play import PlayState, ProgramPlay
 from ikservo.apps.page.running.record_job import RecordArm
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.teaching.program import ProgramStep
 from ikservo.arm import Arm
@@ -25,12 +25,7 @@ _DEG_PLACES, _M_PLACES, _TIP_PLACES = 2, 5, 4
 
 
 class ProgramPanel:
-    """Edits the program and asks the arm thread to play it.
-
-    Args:
-        arm_thread: Owns the arm.
-        folder: The folder of the programs.
-    """
+    """Edits the program and asks the arm thread to play it."""
 
     def __init__(self, arm_thread: ArmThread, folder: ProgramFolder | None = None) -> None:
         self._arm_thread = arm_thread

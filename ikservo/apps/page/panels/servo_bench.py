@@ -299,7 +299,7 @@ class ServoBench:
                 line = line.with_ids({servo.id: new_id})
                 servo = line.find(str(new_id))
                 self._show_servos(line)
-                note += f" The arm file names id {by_file}: correct it before the arm moves."
+                note += f" Change id {by_file} in the arm file before the arm moves."
             case WorkOnServo(action="plot", names=names):
                 shown = [find_register(servo.table, name) for name in names]
                 shown = shown or live_registers(servo.table)
@@ -330,7 +330,7 @@ class ServoBench:
         """Stop the joint of a trial and restore its former gains; safe from any thread."""
         self._trial = None
         if (arm := self._arm) is not None:
-            arm.stop("Stopped on the page of servos.")
+            arm.stop("Stopped on the servo page.")
 
     def _try_gains(self, model: Model, trial: WorkOnServo) -> None:
         """Move a joint with its present and other gains, show both, and keep the present gains."""
@@ -383,7 +383,7 @@ class ServoBench:
             except PortError:
                 raise
             except IkservoError:
-                firmware = "is silent"
+                firmware = "no reply"
             name, model = servo.name or str(servo.id), servo.table.model_name
             rows.append({"name": name, "id": servo.id, "model": model, "firmware": firmware})
         self._shown = rows

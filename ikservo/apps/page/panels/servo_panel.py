@@ -7,7 +7,7 @@ from typing import Any
 
 from ikservo.apps.page.running.arm_job import JobObserver
 from ikservo.apps.page.running.arm_thread import ArmThread
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.workbench.servo_workbench import (
     ServoLine,
@@ -26,8 +26,8 @@ from ikservo.hardware.servo import ServoSpec
 # Registers that move the arm, stop its replies or belong to its calibration are set elsewhere.
 _ELSEWHERE = {
     "torque_enable": "Use the switch beside the joint.",
-    "id": "In a terminal: ikservo setup",
-    "baud_rate": "In a terminal: ikservo setup",
+    "id": "Press Set up servos in the list of arms.",
+    "baud_rate": "Press Set up servos in the list of arms.",
     "homing_offset": "Calibrate the arm.",
     "position_offset": "Calibrate the arm.",
     "min_position_limit": "Calibrate the arm.",
@@ -51,11 +51,7 @@ def _is_written_here(name: str) -> bool:
 
 
 class ServoPanel:
-    """Shows one servo's control table and writes its registers, in the thread of the arm.
-
-    Args:
-        arm_thread: Owns the arm.
-    """
+    """Shows one servo's control table and writes its registers, in the thread of the arm."""
 
     def __init__(self, arm_thread: ArmThread) -> None:
         self._arm_thread = arm_thread
@@ -70,12 +66,7 @@ class ServoPanel:
         self._start(joint, "", "")
 
     def write(self, joint: str, name: str, text: str) -> None:
-        """Write a register, and read the table again.
-
-        Args:
-            joint: The joint.
-            name: The register.
-            text: A raw integer, or a number with a unit.
+        """Write a raw integer, or a number with a unit, to a register, and read the table again.
 
         Raises:
             InputError: The errors of ``read``; or the page cannot write the register.
@@ -108,7 +99,7 @@ class _ServoJob:
 
     def __init__(self, panel: ServoPanel, joint: str, name: str, text: str) -> None:
         self._panel, self._joint, self._name, self._text = panel, joint, name, text
-        self.title = f"Reads the servo of {joint}"
+        self.title = f"Reading the servo of {joint}"
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Write and read; a refusal by the servo or its table becomes a note and stops nothing.
@@ -161,7 +152,7 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
     """
     if holds_torque(line, servo):
         raise InputError(
-            f"{servo} holds a joint, which could fall with other values.",
+            f"{servo} holds a joint, which could fall if values change.",
             "Support the joint, and switch its torque off first.",
         )
     return write_values(line, servo, values)
@@ -171,12 +162,6 @@ def table_frame(
     line: ServoLine, servo: ServoSpec, note: str, is_written: Callable[[str], bool]
 ) -> dict[str, Any]:
     """Read a servo's table and return it as a page shows it.
-
-    Args:
-        line: The servos.
-        servo: The servo.
-        note: An additional remark.
-        is_written: Whether the page writes a register of this name.
 
     Raises:
         BusError: The servo does not reply.

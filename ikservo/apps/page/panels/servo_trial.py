@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ikservo.apps.page.server.server import Frame
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
     Trial,
     best_trial,
     find_turning_servo,
@@ -37,12 +37,7 @@ def try_on_joint(
 ) -> list[Trial]:
     """Return step responses of a joint with its present, the given, and searched gains.
 
-    Args:
-        arm: The arm.
-        joint: The joint.
-        gains: Raw numbers by register; numbers that are already set are ignored.
-        step_deg: The joint motion.
-        suggest: Whether to search for better gains.
+    Gains are raw numbers by register; numbers that are already set are ignored.
 
     Raises:
         InputError: There are no other gains to try, or the joint does not turn.
@@ -64,7 +59,7 @@ def try_on_joint(
 
 
 def describe_trials(trials: Sequence[Trial]) -> str:
-    """Describe the responses with the present gains and with the best others."""
+    """Describe the responses with the present gains and with the best other gains."""
     text = ""
     for name, trial in zip(("before", "after"), _compared(trials), strict=True):
         response = trial.response
@@ -72,7 +67,7 @@ def describe_trials(trials: Sequence[Trial]) -> str:
             ", ".join(f"{register} {raw}" for register, raw in trial.gains.items()),
             f"overshoot {np.degrees(response.overshoot_rad):.2f}°",
             f"settling {response.settling_s:.2f} s",
-            f"short of its goal {np.degrees(response.steady_error_rad):.2f}°",
+            f"{np.degrees(response.steady_error_rad):.2f}° short of its goal",
             f"swings by {np.degrees(response.swing_rad):.2f}°"
             if response.swings
             else "comes to rest",

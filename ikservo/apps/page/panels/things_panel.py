@@ -15,7 +15,7 @@ from ikservo.apps.page.messages import thing_messages as msg
 from ikservo.apps.page.panels.follow_panel import FindArm
 from ikservo.apps.page.picking.viewpoints import arm_extent
 from ikservo.apps.page.server.downloads import Download, DownloadOffers
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm
 from ikservo.arm.other_arm import OtherArm
@@ -40,14 +40,7 @@ AddOtherArm = Callable[[str], None]
 
 
 class ThingsPanel:
-    """Shows and changes the things around an arm.
-
-    Args:
-        arm: The arm.
-        downloads: Offers the scene file for download.
-        find_arm: Finds another arm of the page.
-        add_other_arm: Makes another arm of the page an obstacle to this one.
-    """
+    """Shows and changes the things around an arm; offers them as a scene file for download."""
 
     def __init__(
         self,
@@ -95,11 +88,7 @@ class ThingsPanel:
         return [self._frame]
 
     def handle(self, message: msg.ThingMessage, joints: Vector) -> None:
-        """Add, change or remove a thing, while nothing moves.
-
-        Args:
-            message: The message.
-            joints: Measured joints (n,); a new thing is put beside the arm.
+        """Add, change or remove a thing, while nothing moves; a new one is put in front of the arm.
 
         Raises:
             UnknownNameError: There is no such thing.

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.apps.cameras.board_detection import PictureSource
 from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE
 from ikservo.apps.cameras.capture import Capture, open_capture
-from ikservo.apps.cameras.pictures import PictureSource
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
 from ikservo.files.public_source import public_source
@@ -30,12 +30,7 @@ _LOOK_S = 0.02  # period of polling for a new picture
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture to be sent.
-
-    Attributes:
-        number: Number of the picture, counted from 1.
-        jpeg: The JPEG data.
-    """
+    """A picture to be sent, counted from 1, as JPEG data."""
 
     number: int
     jpeg: bytes
@@ -59,7 +54,6 @@ class VideoSource:
         open_source: Opens the source.
 
     Attributes:
-        source: The source that was given.
         newest: The last picture (h, w) or (h, w, 3); None before the first.
         before: The transport of the arm that a simulated camera sees; None for real cameras.
         hint: A hint about the pictures; empty if there is none.
@@ -122,7 +116,7 @@ class VideoSource:
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
         if self.is_late:
-            return f"The picture of {self.name} is late. Waiting for the next one."
+            return f"The picture from {self.name} is late. Waiting for the next one."
         return self._error or f"No picture from {self.name}: is it plugged in?"
 
     @property
@@ -203,11 +197,7 @@ class VideoSource:
 
 
 class PictureCapture:
-    """Takes single pictures from a source.
-
-    Args:
-        source: The source of the pictures.
-    """
+    """Takes single pictures from a source."""
 
     def __init__(self, source: PictureSource) -> None:
         self._source = source

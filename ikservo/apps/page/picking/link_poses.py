@@ -11,13 +11,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 
 def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> dict[str, Matrix]:
-    """Compute T_world_link (4, 4) of every link.
-
-    Args:
-        chain: The arm.
-        q: Joints (dof,).
-        other_joints: Positions of joints that q does not move, rad or m; missing ones are at zero.
-    """
+    """Compute T_world_link (4, 4) of every link at q (dof,) and other joints, zero if missing."""
     poses = {chain.base: np.eye(4)}
     for link in chain.frames:
         if link == chain.base:

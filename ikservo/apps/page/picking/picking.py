@@ -51,11 +51,7 @@ class Hit:
 
 
 class Picker:
-    """Finds links at pixels.
-
-    Args:
-        shapes: The shape of each link, or of each object of the scene.
-    """
+    """Finds links, or objects of the scene, at pixels by their shapes."""
 
     def __init__(self, shapes: Mapping[str, PickShape]) -> None:
         self._shapes = shapes
@@ -74,11 +70,7 @@ class Picker:
     ) -> tuple[Hit, ...]:
         """Pick every link in the square around a pixel (2,), the nearest first.
 
-        Args:
-            camera: The user's camera.
-            poses: T_world_link (4, 4) of each link.
-            px: Position of the pointer, CSS pixels.
-            region_px: The side of the square; 0: only things exactly under the pointer.
+        The square has sides of ``region_px`` CSS pixels; 0: only things exactly under the pointer.
         """
         offsets_px = _square_offsets(region_px)
         origins, directions = camera.rays(np.asarray(px, dtype=np.float64) + offsets_px)
@@ -143,13 +135,7 @@ class PickCandidate(NamedTuple):
 
 
 class HitTester:
-    """Finds links, objects and joints at pixels.
-
-    Args:
-        chain: The arm.
-        picker: Finds its links.
-        objects: Finds the objects of the scene, in the base frame; None for none.
-    """
+    """Finds links, objects and joints at pixels; objects are in the base frame."""
 
     def __init__(self, chain: Chain, picker: Picker, objects: Picker | None = None) -> None:
         self._chain, self._picker, self._objects = chain, picker, objects
@@ -187,7 +173,7 @@ class HitTester:
     def joint_at(
         self, at: Vector, context: PointerContext, found: PickCandidate | None
     ) -> JointDial | None:
-        """Find the joint whose hub is under the pointer, or else the joint that moves the link."""
+        """Find the joint whose hub is under the pointer, or else the joint of the link there."""
         poses, q = self.poses(context), context.arms[0]
         hubs_m = np.array([dial.hub(poses, q) for dial in self._dials.values()])
         away_px = np.hypot(*(context.camera.project(hubs_m)[0] - at).T)
@@ -206,5 +192,5 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Check whether a hit is beside the pointer; a stable sort by this keeps the depth order."""
+    """Check whether a hit is only next to the pointer; a sort by it keeps the order of depth."""
     return found.hit.away_px > 0.0

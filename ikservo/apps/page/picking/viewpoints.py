@@ -174,14 +174,7 @@ def available_views(extent: ArmExtent) -> tuple[ViewName, ...]:
 
 
 def make_camera(extent: ArmExtent, view: Viewpoint, viewport: Viewport, yaw_rad: float) -> Camera:
-    """Make the camera of a view.
-
-    Args:
-        extent: The extent of the arm.
-        view: The user's choice.
-        viewport: The drawing area.
-        yaw_rad: Yaw of the arm's own plane, see ``ArmExtent.yaw_rad``; for ``side`` only.
-    """
+    """Make the camera of a view; only ``side`` needs the yaw, see ``ArmExtent.yaw_rad``."""
     if view.name == "orbit":
         return _orbit_camera(extent, view, viewport)
     R, centre, size = _frame_view(extent, view, yaw_rad)

@@ -31,7 +31,7 @@ from ikservo.kinematics.conditioning import (
     nearest_singularity,
 )
 from ikservo.model import Model
-from ikservo.model.collision_model import capsules_of
+from ikservo.model.collision_capsules import capsules_of
 
 TABLE = "the table"
 
@@ -88,9 +88,7 @@ class VisibilityChecker:
     ) -> tuple[LinkVisibility, ...]:
         """Compute the visibility of each link from a point (3,), metres, base frame.
 
-        Args:
-            poses: T_world_link (4, 4) of each link.
-            eye_m: The point; a link around it occludes nothing; below the table nothing is visible.
+        A link around the point occludes nothing; below the table nothing is visible.
         """
         eye = finite_vector(eye_m, 3, "The point to look from")
         if self._floor_m is not None and eye[2] < self._floor_m:
@@ -147,7 +145,7 @@ def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
 
 
 def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
-    """Return a grid of pixels (n, 2) over the bounds of others, at most 80° off the axis."""
+    """Return a grid of pixels (n, 2) around all ``corners_px``, at most 80° off the axis."""
     max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
     centre = camera.viewport.centre_px
     low = np.maximum(corners_px.min(axis=0), centre - max_offset)
@@ -201,13 +199,7 @@ _CONDITIONING_PERIOD_S = 0.3  # update period for a reader
 
 
 class PostureAnalyser:
-    """Runs one analysis at a time in the background; callers poll ``get``.
-
-    Args:
-        chain: The arm, with its own limits.
-        visibility: Computes which links are visible.
-        clock: Determines when the conditioning is computed again.
-    """
+    """Runs one analysis at a time in the background; callers poll ``get``."""
 
     def __init__(self, chain: Chain, visibility: VisibilityChecker, clock: Clock) -> None:
         self._chain, self._visibility, self._clock = chain, visibility, clock
@@ -225,15 +217,7 @@ class PostureAnalyser:
         *,
         idle: bool,
     ) -> PostureAnalysis | None:
-        """Return the analysis of a posture; if there is none yet, return None and start it.
-
-        Args:
-            client: Number of the client that has the camera.
-            q: The joints (dof,).
-            find_poses: Returns T_world_link (4, 4) of every link at ``q``.
-            camera: The client's camera.
-            idle: Whether an analysis may start now.
-        """
+        """Return the analysis of a posture (dof,); or return None and, if idle, start it."""
         if self._busy is not None and self._busy[1].done():
             number, future = self._busy
             self._busy = None

@@ -80,7 +80,7 @@ class ArmJob(Protocol):
 
 @contextmanager
 def refusals_logged(arm: Arm, observer: JobObserver) -> Generator[None]:
-    """Log a refusal of what the block does, unless it has stopped the arm."""
+    """Log a refusal in the ``with`` block, unless the refusal has stopped the arm."""
     try:
         yield
     except (InputError, RefusedError, UnreachableError) as error:
@@ -151,13 +151,9 @@ class ReleaseArm:
 
 
 class SetTipZero:
-    """Saves the zero from a click on the tip, and reopens the arm with it.
+    """Saves the zero from a click on the tip, and reopens the arm with it."""
 
-    Args:
-        found: The zero.
-    """
-
-    title = "Opening again with the new zero"
+    title = "Reopening the arm with the new zero"
     is_planned = True
 
     def __init__(self, found: TipZero) -> None:

@@ -61,7 +61,7 @@ _PLANNED_SILENCE_S = 2.5
 """Longest silence of the page, in seconds, that a planned and checked motion tolerates."""
 
 _SILENCE_TEXT = (
-    "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
+    "Stopped, because the page does not answer; torque stays on. Switch Live on to continue."
 )
 _JOB_SILENCE_TEXT = "Stopped: the page does not answer, or draws no new picture."
 _TORQUE_LOST_TEXT = (
@@ -174,7 +174,7 @@ class ArmThread:
         if self.job is not None or self.snapshot.calibration:
             raise InputError("The arm is busy.", "Wait until it has finished, or stop it.")
         if self.command.live:
-            raise InputError("The arm follows this page.", "Switch Live off first.")
+            raise InputError("The arm is following this page.", "Switch Live off first.")
         self._waiting_job = job
 
     def step(self) -> None:
@@ -287,9 +287,7 @@ class ArmThread:
     def log_message(self, message: str, level: str = "bad") -> None:
         """Append a message for the user; a repetition only renews its time.
 
-        Args:
-            message: The event; an empty message is ignored.
-            level: ``bad`` for a problem, empty for information.
+        An empty message is ignored. The level ``bad`` is a problem, an empty one information.
         """
         if not message:
             return

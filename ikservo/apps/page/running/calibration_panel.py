@@ -6,12 +6,12 @@ from collections import deque
 from collections.abc import Generator
 from contextlib import closing
 
-from ikservo.apps.calibrating.calibration_dialogue import (
+from ikservo.apps.calibrating.by_hand_dialogue import (
     CalibrationOptions,
     calibrate_by_hand,
     switch_torque_off,
 )
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.apps.page.dragging.snapshot import CalibrationView
 from ikservo.maintenance.dialogue import (

@@ -19,10 +19,6 @@ from ikservo.kinematics.arrays import Vector
 class FollowLeader:
     """Follows a leader until ``finish`` is called (``ArmJob``).
 
-    Args:
-        feed: The leader's joints.
-        speed: The speed class.
-
     Attributes:
         lag: The lag of the arm.
         refusal: The reason why the guard refused the leader's last posture; empty if it did not.
@@ -65,7 +61,7 @@ class FollowLeader:
         result = follow_targets(arm, self._positions(), self._speed, record, note_refusal)
         if not self._finished.is_set():
             raise StoppedError(
-                f"{self.feed.name} does not lead: {result.ended}.",
+                f"{self.feed.name} no longer leads: {result.ended}.",
                 "Check both arms, then acknowledge.",
             )
 

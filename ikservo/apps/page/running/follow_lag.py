@@ -25,7 +25,8 @@ class FollowLag:
     Attributes:
         goal_s: Time from the leader's motion to that of the follower's setpoints; None while the
             leader is still.
-        arm_s: Time to the motion of the follower's joints; None while the leader is still.
+        arm_s: Time from the leader's motion to that of the follower's joints; None while the leader
+            is still.
         error: The largest present distance of a joint from the leader's, rad or m.
         joint: The joint with that error.
     """

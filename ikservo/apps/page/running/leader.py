@@ -65,12 +65,7 @@ class LeaderFeed:
 
 
 class LeadArm:
-    """Publishes the joints of an arm while another arm follows (``ArmJob``); moves nothing.
-
-    Args:
-        feed: The feed for the joints.
-        follower: Name of the other arm.
-    """
+    """Publishes the joints of an arm while another arm follows (``ArmJob``); moves nothing."""
 
     is_planned = False
 

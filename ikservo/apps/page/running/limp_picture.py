@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.page.dragging.snapshot import CalibrationView
 from ikservo.apps.page.drawing.view_picture import SceneState
 from ikservo.apps.page.running.calibration_panel import REFERENCE_POSE
@@ -50,13 +50,7 @@ class LimpPicture:
 
 
 def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
-    """Show the request of a calibration in a scene: the pose to hold, then the joint to move.
-
-    Args:
-        scene: The limp arm.
-        view: The calibration.
-        model: The model with the pose and the links.
-    """
+    """Show the request of a calibration in a scene: the pose to hold, then the joint to move."""
     if view.item.stage == CalibrationStage.REFERENCE_POSE:
         pose = model.pose(REFERENCE_POSE)
         return replace(scene, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)

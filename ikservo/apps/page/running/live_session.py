@@ -31,10 +31,6 @@ class CycleObserver(Protocol):
 class LiveSession:
     """Provides the arm's goal while Live is on (``ikservo.arm.following.GoalSource``).
 
-    Args:
-        observer: Provides commands and receives every control cycle.
-        lease: The time of the last heartbeat of the page in control.
-
     Attributes:
         session_id: Identifies the session.
         silent: Whether the session ended because no heartbeat arrived.

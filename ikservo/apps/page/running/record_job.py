@@ -45,7 +45,9 @@ class RecordArm:
                 are kept.
         """
         if all(state.torque for state in arm.where().joints):
-            observer.log_message("The arm holds: it cannot be guided. Relax or Release it first.")
+            observer.log_message(
+                "The arm holds its position, so it cannot be guided. Press Relax or Release first."
+            )
             return
         path, samples = self._free_path(), count(1)
 

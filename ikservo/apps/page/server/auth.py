@@ -38,12 +38,7 @@ class Permission(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class AccessTokens:
-    """The two secrets of one session; neither is ever sent over the network.
-
-    Attributes:
-        control: Permits moving the arm.
-        watch: Permits watching.
-    """
+    """The two secrets of one session, to move or to watch; neither is sent over the network."""
 
     control: str
     watch: str
@@ -85,13 +80,8 @@ def is_allowed_origin(
     """Check whether a request comes from our own page, or from a user who opens the page.
 
     A foreign host name that resolves to this machine (DNS rebinding) is not our own address, and a
-    page of another site has another origin.
-
-    Args:
-        headers: The request's headers.
-        local: The address and port at which the connection arrived.
-        upgrade: Whether the request is for a websocket; such requests always carry an origin.
-        secure: Whether the connection is TLS.
+    page of another site has another origin. Requests for a websocket (``upgrade``) always carry an
+    origin.
     """
     unique = _single_headers(headers)
     if unique is None:

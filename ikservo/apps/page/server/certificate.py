@@ -54,11 +54,8 @@ def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCe
     """Load the stored certificate, or make one if there is none.
 
     A browser that has accepted the certificate recognises it by its fingerprint, so the certificate
-    is kept even when the machine's address changes.
-
-    Args:
-        address: The IP address of the page, which becomes a name of a new certificate.
-        folder: The folder of the certificate; the user's own folder if None.
+    is kept even when the machine's address changes. A new one is valid for ``address``; the default
+    folder is the user's own.
 
     Raises:
         CertificateError: The stored certificate is damaged, expired, or readable by others.
@@ -107,7 +104,7 @@ def _checked_fingerprint(path: Path) -> str:
     """
     try:
         if os.name == "posix" and path.stat().st_mode & _OTHERS:
-            raise CertificateError(path, "others can read its key")
+            raise CertificateError(path, "other users can read its key")
         certificate = x509.load_pem_x509_certificate(path.read_bytes())
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(path)  # checks the key, too
     except IkservoError:

@@ -32,11 +32,7 @@ class Download:
 
 
 class DownloadOffers:
-    """Issues an address per file, because a socket can prove its key but a request cannot.
-
-    Args:
-        clock: Limits the validity of addresses.
-    """
+    """Issues an address per file for a limited time, because a download cannot prove a key."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -54,7 +50,9 @@ class DownloadOffers:
         """Return the file at an address, or 404 if the address is unknown, used or expired."""
         until_s, download = self._offers.pop(request.path_params["token"], (0.0, None))
         if download is None or self._clock.now_s() > until_s:
-            return PlainTextResponse("This file could be fetched only once.\n", status_code=404)
+            return PlainTextResponse(
+                "This download link was already used or has expired.\n", status_code=404
+            )
         attachment = f'attachment; filename="{download.name}"'
         headers = {"content-disposition": attachment} if download.name else {}
         return StreamingResponse(download.make(), media_type=download.media_type, headers=headers)

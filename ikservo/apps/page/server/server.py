@@ -39,7 +39,7 @@ from ikservo.apps.page.server.auth import (
     new_nonce,
 )
 from ikservo.apps.page.server.downloads import DownloadOffers
-from ikservo.apps.page.server.page_connection import (
+from ikservo.apps.page.server.message_age_and_rate import (
     MessageFilter,
     RateLimitError,
     StaleMessageError,
@@ -94,7 +94,7 @@ _RATE_EXCEEDED, _FULL = 1008, 1013
 
 # Limit per key, so that watching pages do not lock out controlling ones.
 _FULL_TEXTS = {
-    Permission.WATCH: f"{_MAX_CLIENTS} pages watch this arm already.",
+    Permission.WATCH: f"{_MAX_CLIENTS} pages are already watching this arm.",
     Permission.CONTROL: f"{_MAX_CLIENTS} pages with the control address are open already.",
 }
 
@@ -161,15 +161,7 @@ def make_app(
     downloads: DownloadOffers | None = None,
     index: str = "index.html",
 ) -> Starlette:
-    """Make the server's application, with the origin check.
-
-    Args:
-        channels: Handle the messages and provide the frames.
-        keys: The keys that clients must prove.
-        clock: Clock for the time stamps of messages.
-        downloads: Files that pages have requested, if there are any.
-        index: The file of the page.
-    """
+    """Make the server's application, with the origin check."""
     routes: list[BaseRoute] = [*static_routes(index)]
     for channel in channels:
         handler = _WebSocketHandler(channel, keys, clock)
@@ -424,7 +416,7 @@ def serve(app: Starlette, address: BoundAddress) -> None:
 
 @contextmanager
 def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
-    """Serve in a separate thread within the block; yield the URL."""
+    """Serve in a separate thread during the ``with`` block; yield the URL."""
     server = _make_server(app, address)
     thread = threading.Thread(target=server.run, args=([address.socket],), daemon=True)
     thread.start()

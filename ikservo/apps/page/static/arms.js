@@ -2,8 +2,8 @@
 
 import { CameraPicture } from "./camera.js";
 import { Connection } from "./connection.js";
+import { ServerDialogue } from "./dialogue.js";
 import { $, createElement, setText, updateRows } from "./elements.js";
-import { NewArm } from "./new_arm.js";
 
 const FIND_MS = 2000; // period of searching ports while the list is shown
 const NOTE_MS = 8000;
@@ -31,11 +31,11 @@ export class Arms {
       },
     }, "arms");
     this.camera = new CameraPicture(() => this.send("show_camera", { arm: this.shown }), chooseCamera);
-    this.newArm = new NewArm((kind, fields) => this.send(kind, fields));
+    this.dialogue = new ServerDialogue((kind, fields) => this.send(kind, fields));
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
     $("arms-close").onclick = () => this.closeByHand();
     $("stop-all").onclick = () => this.send("stop_arms", { name: null });
-    $("stop").addEventListener("click", () => this.newArm.hasServos && this.send("stop_arms", { name: null }));
+    $("stop").addEventListener("click", () => this.dialogue.movesServos && this.send("stop_arms", { name: null }));
     $("arms-form").onsubmit = (event) => {
       event.preventDefault();
       this.openArm($("arms-model").value, $("arms-port").value);
@@ -74,7 +74,7 @@ export class Arms {
 
   // Space and Escape stop all arms if there are several, and the servos of a new arm.
   stopSeveral(by) {
-    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1 || this.newArm.hasServos) this.send("stop_arms", { name: null, by });
+    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1 || this.dialogue.movesServos) this.send("stop_arms", { name: null, by });
   }
 
   openArm(arm, port) {
@@ -86,7 +86,7 @@ export class Arms {
   receive(message) {
     const first = !this.list.length && !this.models;
     this.list = message.arms;
-    this.newArm.show(message.new_arm);
+    this.dialogue.show(message.dialogue);
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list may be shown before the connection
     const { cameras } = message;
@@ -99,7 +99,7 @@ export class Arms {
   update() {
     const open = this.list.filter(({ state }) => IS_OPEN.has(state));
     this.setOthers(open.map(({ name }) => name).filter((name) => name !== this.shown));
-    $("stop-all").hidden = (open.length < 2 && !this.newArm.hasServos) || !this.mayControl;
+    $("stop-all").hidden = (open.length < 2 && !this.dialogue.movesServos) || !this.mayControl;
     $("arms-none").hidden = this.list.length > 0;
     setText($("arms-toggle"), open.length > 1 ? `Arms (${open.length})` : "Arms");
     this.camera.show(this.list.find(({ name }) => name === this.shown)?.camera);

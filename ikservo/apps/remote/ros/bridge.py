@@ -186,7 +186,7 @@ class RosBridge:
     def _check_not_stopped(self) -> None:
         reason = self._arm.stop_reason
         if reason is not None or self._arm.stop_requests:
-            text = "by a request" if reason is None else reason.text
+            text = "A stop was requested." if reason is None else reason.text
             raise RefusedError(f"The arm is stopped: {text} Call /acknowledge first.")
 
     def _stop(self) -> str:

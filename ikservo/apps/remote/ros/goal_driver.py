@@ -60,13 +60,7 @@ class _Task:
 
 
 class GoalDriver:
-    """Drives an arm in its own thread until it is closed.
-
-    Args:
-        arm: The arm.
-        speed: The speed class.
-        warn: Called with the reason if a goal is refused or ends early.
-    """
+    """Drives an arm in its own thread until it is closed; warns if a goal ends early."""
 
     def __init__(self, arm: OpenArm, speed: str, warn: Callable[[str], None]) -> None:
         self._arm, self._speed, self._warn = arm, speed, warn

@@ -58,7 +58,9 @@ def check_age(stamp: Any, now_s: float) -> None:  # noqa: ANN401  # builtin_inte
     if age_s > DEAD_MAN_TIMEOUT_S:
         raise RefusedError(f"The message is {age_s:.1f} s old and was dropped.", _CLOCKS)
     if age_s < -_MAX_AHEAD_S:
-        raise RefusedError(f"The time stamp of the message is {-age_s:.1f} s ahead.", _CLOCKS)
+        raise RefusedError(
+            f"The time stamp of the message is {-age_s:.1f} s in the future.", _CLOCKS
+        )
 
 
 class TrajectoryGoal:
@@ -123,13 +125,7 @@ def trajectory_goal(
     limits: Mapping[str, tuple[float, float]],
     now_s: float,
 ) -> TrajectoryGoal:
-    """Return the goal in a message.
-
-    Args:
-        message: The message, with at least one point.
-        present: The present joints, rad or m.
-        limits: The lower and upper limit of each joint.
-        now_s: The time of the start.
+    """Return the goal in a message with at least one point; the motion starts at ``now_s``.
 
     Raises:
         InputError: The message names an unknown joint, or its points cannot be used.
@@ -248,11 +244,7 @@ class TwistGoal:
 
 
 class PoseGoal:
-    """Goal that moves the tool to a pose.
-
-    Args:
-        target: The pose (4, 4), or a point.
-    """
+    """Goal that moves the tool to a pose (4, 4) or a point."""
 
     arrives: ClassVar[bool] = True
 
@@ -272,7 +264,7 @@ class PoseGoal:
 
 
 def pose_goal(pose: Any) -> PoseGoal:  # noqa: ANN401  # geometry_msgs/msg/Pose
-    """Return the goal in a pose; a quaternion of zeros leaves the orientation free.
+    """Return the goal that a pose message asks for; a zero quaternion leaves the orientation free.
 
     Raises:
         InputError: A number is not finite, or the quaternion has no direction.

@@ -102,12 +102,9 @@ class RosNode:
     def serve_trigger(self, name: str, action: Callable[[], str], *, always: bool = False) -> None:
         """Announce a service std_srvs/srv/Trigger.
 
-        Args:
-            name: The name with a leading slash.
-            action: Runs the request and returns the message of the response; an error becomes a
-                response without success.
-            always: Whether every request is executed on arrival, even if repeated or without
-                attachment; ``action`` must then not wait.
+        ``action`` returns the message of the response; its error becomes a response without
+        success. If ``always``, every request is executed on arrival, even if repeated or without
+        attachment, and ``action`` must not wait.
         """
         key = data_key(self.name, name, TRIGGER)
 
@@ -135,11 +132,8 @@ class RosNode:
     ) -> None:
         """Announce a service.
 
-        Args:
-            name: The name with a leading slash.
-            kind: The type of the service.
-            on_request: Called with a request and a function that sends its response.
-            in_order: Whether requests are handled one by one, together with messages of topics.
+        ``on_request`` gets each request and a function that sends its response. If ``in_order``,
+        requests are handled one by one, together with messages of topics.
         """
         worker = self._messages if in_order else self._services
         self._serve(name, kind, on_request, lambda data: decode(f"{kind}_Request", data), worker)

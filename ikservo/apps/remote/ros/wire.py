@@ -57,7 +57,7 @@ class Attachment:
         """
         if len(data) != _ATTACHMENT.size or data[_ATTACHMENT.size - _GID_BYTES - 1] != _GID_BYTES:
             raise InputError(
-                "A message has no attachment of rmw_zenoh.",
+                "A message lacks the attachment of rmw_zenoh.",
                 "Use ROS 2 Jazzy or later on the other machine.",
             )
         sequence, time_ns, _, gid = _ATTACHMENT.unpack(data)

@@ -39,16 +39,17 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.calibration_panel import calibration_fields
 from ikservo.apps.page.running.limp_picture import show_calibration
 from ikservo.apps.page.server.auth import Permission
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import Arm, JointState
 from ikservo.calibration import format_position
+from ikservo.calibration.joint_limits import at_distance, limit_distance, near_limit
 from ikservo.clock import Clock
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import IkservoError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.arm_model import HealthLimits, at_distance, limit_distance, near_limit
+from ikservo.model.arm_model import HealthLimits
 
 _MAX_STATUS_MESSAGES = 12
 
@@ -171,14 +172,8 @@ def status_frame(
 ) -> Frame:
     """Return the frame with all data that the page shows next to the drawing.
 
-    Args:
-        arm_thread: Provides the snapshot.
-        interaction: Input of the client in control.
-        step: The step of a solver trace that is shown.
-        controller: The page in control: ``you``, ``other`` or ``none``.
-        now_s: The present time, to compute the age of measurements.
-        posture: Rows about the posture of the arm.
-        fallback: The reason why Live has ended, until the user has answered.
+    ``step`` is that of a shown solver trace, ``controller`` the page in control (``you``, ``other``
+    or ``none``), ``fallback`` the reason why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
     return {
@@ -240,12 +235,6 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
 class FrameComposer:
     """Composes scene and status frames from the arm thread's snapshot, for each client's view.
 
-    Args:
-        arm_thread: Provides the snapshot that is shown.
-        interaction: Input of the client in control.
-        clock: Limits the frame rate.
-        camera_view: The picture of a calibrated camera, if there is one.
-
     Attributes:
         extent: The extent of the arm.
         views: The names of the arm's views.
@@ -271,7 +260,7 @@ class FrameComposer:
         self._index = arm.joint_index
 
     def show_camera(self, camera_view: CameraView | None) -> None:
-        """Offer the picture of a calibrated camera as a view; None for none."""
+        """Offer the picture of a calibrated camera as a view; None withdraws it."""
         self._camera_view = camera_view
         self.views: tuple[ViewName, ...] = available_views(self.extent)
         if camera_view is not None:

@@ -44,7 +44,7 @@ from ikservo.kinematics.dynamics import Dynamics
 
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
-"""A parameter is determined if its standard error is below this fraction of its prior's."""
+"""A parameter is determined if its standard error is below this fraction of its prior error."""
 _KEPT_ASIDE = 4  # every fourth pair of legs, there and back, is held out for validation
 _MIN_WINDOWS = 12  # windows per joint
 _BACKLASH_RAD = 0.02  # prior standard deviation
@@ -53,13 +53,7 @@ _TIGHT = 1e-3  # prior of a parameter that is not estimated
 
 @dataclass(frozen=True, slots=True)
 class ParameterEstimate:
-    """One estimated parameter.
-
-    Attributes:
-        value: The estimated value.
-        error: The standard error.
-        error_before: The prior standard deviation.
-    """
+    """One estimated parameter, its standard error, and its prior standard deviation."""
 
     value: float
     error: float
@@ -73,7 +67,7 @@ class ParameterEstimate:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Errors of a joint's predicted lag behind its goals, on legs kept aside.
+    """Errors of a joint's predicted lag behind its goals, on legs left out of the estimate.
 
     Attributes:
         identified: Root mean square error with the parameters estimated from the other legs, rad
@@ -123,12 +117,7 @@ class Identification:
 
 
 def gravity_columns(dynamics: Dynamics, q: Matrix) -> Cube:
-    """Compute the gravity torques (n, dof, bodies + 1) due to each body and to a 1 kg payload.
-
-    Args:
-        dynamics: The arm.
-        q: The joints of the chain (n, dof).
-    """
+    """Compute gravity torques (n, dof, bodies + 1) at q (n, dof): each body and a 1 kg payload."""
     zero, parameters = np.zeros_like(q), dynamics.parameters
     Y = dynamics.regressor(q, zero, zero) * parameters
     bodies = Y.reshape(*Y.shape[:2], len(dynamics.bodies), -1).sum(axis=3)
@@ -139,12 +128,7 @@ def gravity_columns(dynamics: Dynamics, q: Matrix) -> Cube:
 def identify(
     dynamics: Dynamics, priors: Sequence[JointPrior], recording: DriveRecording
 ) -> Identification:
-    """Identify the parameters that explain a recording best.
-
-    Args:
-        dynamics: The dynamics of the chain, according to the arm file.
-        priors: The priors of each joint's servos.
-        recording: A recording of slow motion.
+    """Identify the parameters that explain a recording of slow motion best.
 
     Raises:
         CalibrationError: A joint has not moved enough.
@@ -185,13 +169,7 @@ def identify_payload(
     recording: DriveRecording,
     known: Identification | None,
 ) -> ParameterEstimate:
-    """Identify the mass at the tip.
-
-    Args:
-        dynamics: The dynamics of the chain, according to the arm file.
-        priors: The priors of each joint's servos.
-        recording: A recording of slow motion with the payload.
-        known: An earlier identification of the arm without payload, if it exists.
+    """Identify the mass at the tip, given the identification of the arm without it, if it exists.
 
     Raises:
         CalibrationError: A joint has not moved enough.

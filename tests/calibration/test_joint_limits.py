@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.model.arm_model import at_distance, limit_distance, near_limit
+from ikservo.calibration.joint_limits import at_distance, limit_distance, near_limit
 
 DEG = math.radians(1.0)
 

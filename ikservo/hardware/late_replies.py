@@ -61,13 +61,7 @@ class ByteRateCheck:
         self._on_time = 0
 
     def excess_bytes(self, count: int, since_s: float, byte_s: float) -> int:
-        """Compute how many of the received bytes are older than the request.
-
-        Args:
-            count: Bytes received.
-            since_s: Time since the request's last byte was sent.
-            byte_s: Time of a byte on the wire.
-        """
+        """Compute how many of the received bytes are older than a request sent ``since_s`` ago."""
         if self._on_time < _LEARNED_CHUNKS:
             return 0
         return max(0, count - int(since_s / byte_s * _MARGIN_BYTES + 1))

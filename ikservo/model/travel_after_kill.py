@@ -29,14 +29,9 @@ _MARGIN = 1.15
 
 
 def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
-    """Return the largest travel of each joint after its last goal, divided by its speed.
+    """Return the travel of each joint after its last goal, divided by its speed, seconds by joint.
 
-    Args:
-        model: The masses and servos.
-        chain: The joints, base to tip.
-
-    Returns:
-        Seconds by joint, without joints whose servos are unknown.
+    Joints whose servos are unknown are left out.
     """
     greatest: dict[str, float] = {}  # inertia that a joint moves with the payload, any posture
     parameters = nominal_parameters(model, chain)

@@ -128,9 +128,7 @@ class WaySearch:
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
         """Continue until a path that is proven free is found.
 
-        Args:
-            most: The largest number of postures to check.
-            is_over: Returns whether the search must end, even without a path; called often.
+        At most ``most`` postures are checked; ``is_over``, which is called often, ends the search.
 
         Returns:
             The postures (k, n) of the path; None if none was found yet, or the start or all goals
@@ -220,11 +218,7 @@ class WaySearch:
         return np.clip([low, high], *self._limits)
 
     def _proven_way(self, is_over: Callable[[], bool]) -> Matrix | None:
-        """Return the shortest proven path; remove motions that are not free from the trees.
-
-        Returns:
-            The path; None if a motion was removed.
-        """
+        """Return the shortest proven path; None after removing motions that are not free."""
         out, home = self._branches()
         way, step_m = self._way(out, home), self._step_m
         shorter = self._shortened(way, step_m)

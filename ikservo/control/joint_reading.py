@@ -212,12 +212,7 @@ _STATE_REGISTERS = (
 def read_joint_states(
     bus: ServoBus, driven_joints: Sequence[DrivenJoint], ticks: Sequence[int]
 ) -> tuple[JointState, ...]:
-    """Read every joint's limits, temperature, voltage, load and torque.
-
-    Args:
-        bus: The servo bus.
-        driven_joints: The joints, each with its servo, limits and speed.
-        ticks: The positions (n,) that were just measured.
+    """Read limits, temperature, voltage, load and torque of joints just measured at ``ticks`` (n,).
 
     Raises:
         BusError: A servo does not answer.

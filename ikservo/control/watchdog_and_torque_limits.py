@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 
-from ikservo.control.feedback import with_retries
+from ikservo.control.joint_reading import with_retries
 from ikservo.errors import BusError, HeldUpError, RegisterAccessError
 from ikservo.guard import OverloadRule
 from ikservo.hardware.bus import ServoBus
@@ -25,7 +25,7 @@ def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
     registers = torque_limit_registers(bus, servo_id)
     if registers is None:
         servo = str(bus.servos[servo_id])
-        raise RegisterAccessError(servo, "torque limit", "there is none in RAM")
+        raise RegisterAccessError(servo, "torque limit", "this servo has none in RAM")
     limit, maximum = registers
     max_counts = bus.read(servo_id, maximum, raw=True)
     bus.write(servo_id, limit, max(1, round(fraction * max_counts)), raw=True)
@@ -72,12 +72,7 @@ _DYNAMIXEL_TIME_S = 2.0  # time until the servo protects itself
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
-    """Read the overload protection of a servo; None if it has none.
-
-    Args:
-        bus: The servo bus.
-        servo_id: The servo.
-        gain_share: The P gain as a fraction of the gain in the motor table.
+    """Read the overload protection of a servo with this share of the motor table's gain, if any.
 
     Raises:
         BusError: The servo does not answer.
@@ -155,11 +150,7 @@ class ServoRamLimits:
     def prepare(self, servo_id: int, *, keep_torque: bool = False) -> None:
         """Clear the watchdog and set full torque, before torque comes on.
 
-        A tripped watchdog blocks goals until it is cleared.
-
-        Args:
-            servo_id: The servo.
-            keep_torque: Whether to keep the torque limit.
+        A tripped watchdog blocks goals until it is cleared. ``keep_torque`` keeps the torque limit.
 
         Raises:
             BusError: The servo does not answer.
@@ -177,10 +168,7 @@ class ServoRamLimits:
             self._bus.write(servo_id, registers["goal_torque"], most, raw=True)
 
     def set_speed(self, speed_rad_s: float) -> None:
-        """Limit the speed at which every servo turns towards its goal.
-
-        Args:
-            speed_rad_s: The top speed of the motions that follow, at the horn.
+        """Limit the speed at which every servo turns towards its goal, at the horn.
 
         Raises:
             BusError: A servo cannot be written.
@@ -249,12 +237,7 @@ class ServoRamLimits:
             raise _pause_error()
 
     def reset_markers(self, servo_id: int, *, watchdog: bool = True) -> Mapping[Register, int]:
-        """Return the RAM registers that a reset would change, with their present values.
-
-        Args:
-            servo_id: The servo.
-            watchdog: Whether to include the watchdog if it is armed.
-        """
+        """Return the RAM registers that a reset would change, with their present values."""
         if servo_id not in self._expected:
             return {}
         registers, expected = self._limit_registers(servo_id), self._expected[servo_id]

@@ -32,10 +32,6 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
     servos are silent, others may be on the line; searching for them takes up to two seconds.
 
-    Args:
-        bus: The bus.
-        error: The error with which the request failed.
-
     Raises:
         BadReplyError: Several servos reply at one id; all such ids are named.
         ServoSilentError: Servos are silent and others were found; they are named.
@@ -50,7 +46,7 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
         listed = "; ".join(map(str, found))
         verb = "does" if len(silent) == 1 else "do"
         raise ServoSilentError(
-            f"{verb} not answer at {bus.port.baudrate} baud; there is {listed}",
+            f"{verb} not answer at {bus.port.baudrate} baud; found instead: {listed}",
             _format_hint(found, silent, bus.port.baudrate),
             servo=error.servo,
             servo_id=error.servo_id,
@@ -69,7 +65,10 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
     if duplicates:
         names = ", ".join(map(str, duplicates))
         raise BadReplyError(
-            "answers like several servos", DUPLICATE_ID_HINT, servo=names, port=bus.port.name
+            "answers as if it were several servos",
+            DUPLICATE_ID_HINT,
+            servo=names,
+            port=bus.port.name,
         )
 
 
@@ -112,10 +111,7 @@ def find_unexpected_servos(
 ) -> list[FoundServo]:
     """Find servos that may be the silent ones, first with the expected ids, then with any id.
 
-    Args:
-        port: The port; its rate is restored.
-        silent: The servos that do not reply.
-        known: The ids of all servos that should be on the line.
+    ``known`` are the ids that should be on the line. The port keeps its rate.
 
     Raises:
         PortLostError: The port is lost.

@@ -63,13 +63,8 @@ def provision(
     """Configure the only servo on a line; return descriptions of the writes.
 
     Values that are already right are not written. The EEPROM is always locked at the end. The first
-    EEPROM copy is made before any write, under the new id.
-
-    Args:
-        port: The port; afterwards it has the servo's new rate.
-        found: The servo with its present id and rate.
-        settings: The desired settings.
-        owner: The name of the folder of first EEPROM copies; empty: none are made.
+    EEPROM copy is made before any write, under the new id. This copy is in the folder ``owner``;
+    without a name, none is made. Afterwards the port has the servo's new rate.
 
     Raises:
         CalibrationError: The servo is a different model; nothing was written.
@@ -100,11 +95,7 @@ def provision(
 def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> None:
     """Give one servo on a line another id and baud rate, and verify both.
 
-    Args:
-        port: The port; afterwards it has the new rate.
-        servo: The servo, which replies at the port's rate; its torque goes off.
-        new_id: The new id; the present one if only the rate changes.
-        new_rate: The new baud rate.
+    The servo replies at the port's rate, and its torque goes off; the port gets the new rate.
 
     Raises:
         InputError: Another servo has this id; nothing was written.
@@ -247,15 +238,10 @@ def wait_for_servo(
 ) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
     """Return the only servo that replies, as soon as it has replied twice in a row.
 
-    It may have any known baud rate and belong to any family. The wait continues while several
+    It may have any known baud rate and belong to any family; the protocol of ``table`` is tried
+    most often, at ``rate`` and at the rates of a new servo. The wait continues while several
     servos reply, even at one id. Yields each baud rate before it is tried, and the replying servos
     when they change.
-
-    Args:
-        port: The port.
-        table: The table of the expected servo; its protocol is tried most often.
-        rate: A rate to try besides those of a new servo.
-        wait_s: The time to wait.
 
     Raises:
         ServoSilentError: No servo replies, or several do.
@@ -268,7 +254,8 @@ def wait_for_servo(
         found: list[FoundServo] = []
         for place_rate, framing in _search_places(table, rate, before, attempt):
             yield place_rate
-            found += scan_rate(port, place_rate, [framing])
+            seen = scan_rate(port, place_rate, [framing])  # some places are searched twice
+            found += [each for each in seen if _places_of([each])[0] not in _places_of(found)]
         if _places_of(found) != _places_of(before):
             yield found
         if len(found) == 1 and not found[0].shares_id and _places_of(found) == _places_of(before):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ikservo.arm import Arm, OpenArm, ZeroSource
+from ikservo.arm import Arm, OpenArm
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import ArmConnection, MotionOptions
-from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.errors import InputError
@@ -15,21 +15,15 @@ from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.direction_check import (
     DirectionCheck,
     check_each_joint,
-    directions_confirmed,
+    needs_direction_check,
 )
 from ikservo.model import Model
 
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
-    """Run the test motion of all joints, unless the present files are already confirmed.
+    """Run the test motion of all joints if ``needs_direction_check`` says so.
 
     Returns whether the test ran; the arm may then be away from the start of an earlier plan.
-
-    An arm with unknown zeros moves in small steps that are each confirmed; it needs no test.
-
-    Args:
-        machine: The arm, before it moves.
-        options: Determine whether the test or the questions to the user are skipped.
 
     Raises:
         CalibrationError: A joint is not the expected one.
@@ -37,11 +31,11 @@ def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
     """
     if options.no_wiggle or not isinstance(machine, Arm):  # done by the program with the servos
         return False
-    if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
+    if not needs_direction_check(machine):
         return False
-    if directions_confirmed(machine.model, machine.port_name):
-        return False
-    print_status("Arm file or calibration changed: test motion first, each joint 5° and back.")
+    print_status(
+        "The arm file or calibration has changed. First a test motion: each joint by 5° and back."
+    )
     _check_each_joint(machine, [], yes=options.yes)
     return True
 
@@ -59,10 +53,10 @@ def check_new_signs(
     if not names:
         return True
     print_status(
-        f"Sign opposite to the arm file: {', '.join(names)}. A small test motion checks it:"
+        f"Sign opposite to the arm file's: {', '.join(names)}. A small test motion checks this:"
     )
-    print_status("torque comes on and each of them moves 5° and back.")
-    if not operator.agrees(Question("Make the test motion now?", Unasked.NO)):
+    print_status("torque is switched on, and each of these joints moves by 5° and back.")
+    if not operator.agrees(Question("Run the test motion now?", Unasked.NO)):
         print_status(
             "The first motion begins with this test. To run it: "
             f"ikservo calibrate {model.name} --wiggle"

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ikservo.apps.workbench.servo_sine import measure_sine
-from ikservo.apps.workbench.servo_tuning import (
+from ikservo.apps.workbench.gain_search import (
+    DEFAULT_STEP_RAD,
     Trial,
     best_trial,
     find_turning_servo,
@@ -15,11 +15,12 @@ from ikservo.apps.workbench.servo_tuning import (
     try_steps,
     tunable_registers,
 )
+from ikservo.apps.workbench.servo_sine import DEFAULT_AMPLITUDE_RAD, measure_sine
 from ikservo.apps.workbench.servo_workbench import find_register, parse_register_value
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.open_and_confirm import confirm_motion, open_from_options
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.results import Field, Fields, json_values, print_records
-from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import BadValueError, InputError
 from ikservo.hardware.register_batches import Register
@@ -108,28 +109,24 @@ def tune_joint(
 ) -> None:
     """Measure a joint with its present and the given gains, and on request search for better ones.
 
-    The present gains are restored at the end.
-
-    Args:
-        connection: The arm.
-        joint: The joint, or the id of its servo.
-        settings: Gains to try, as ``p_gain=16``.
-        far_rad: The size of the step, or the amplitude of the sine; None: the default.
-        sine_hz: The lowest and the highest frequency of a sine; None: a step.
-        suggest: Whether to search for better gains.
-        yes: Whether to skip all questions.
-        json: Whether to print JSON.
+    The present gains are restored at the end. Gains to try are written ``p_gain=16``. ``far_rad``
+    is the size of the step or, with the lowest and highest frequency ``sine_hz``, the amplitude of
+    a sine.
 
     Raises:
         InputError: No joint is named, or it does not turn.
         RefusedError: There is no room, or the servo has no such gains.
     """
     if joint is None:
-        raise InputError("No joint is named.", "As in: ikservo servo tune --arm so101 --id 3")
+        raise InputError(
+            "No joint was given.", "For example: ikservo servo tune --arm so101 --id 3"
+        )
     if suggest and sine_hz:
-        raise InputError("Gains can only be suggested from a step.", "Omit --sine or --suggest.")
+        raise InputError(
+            "Gains can only be suggested from a step, not from a sine.", "Omit --sine or --suggest."
+        )
     if far_rad is None:
-        far_rad = math.radians(2 if sine_hz else 10)
+        far_rad = DEFAULT_AMPLITUDE_RAD if sine_hz else DEFAULT_STEP_RAD
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
         arm = require_own_port(machine)
         servo = find_turning_servo(arm, joint)
@@ -139,7 +136,7 @@ def tune_joint(
             what = f"to both sides, {' to '.join(f'{hz:g}' for hz in sorted(set(sine_hz)))} Hz,"
         print_status(
             f"{servo} of {arm.model.title} on {format_port(arm.port_name)}: "
-            f"{math.degrees(far_rad):.3g}° {what} at the speed fast, "
+            f"moves {math.degrees(far_rad):.3g}° {what} at the fast speed, "
             f"{'about ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)
@@ -178,7 +175,7 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
         if not equals or register not in tunable_registers(servo):
             listed = " ".join(f"{each}=16" for each in tunable_registers(servo))
             raise InputError(
-                f"{word!r} does not set a gain.", f"As in: ikservo servo tune {listed}"
+                f"{word!r} does not set a gain.", f"For example: ikservo servo tune {listed}"
             )
         gains[register] = parse_register_value(register, text)
         lower, upper = register.range
@@ -191,10 +188,10 @@ def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, b
     if present.response.swings and best is present:
         print_status(f"{servo} does not come to rest with any of the gains tried.")
     if best is present:
-        print_status("The present gains are the best of these and are kept.")
+        print_status("The present gains are the best of those tried and are kept.")
         return
     words = " ".join(f"{name}={raw}" for name, raw in _named(best.gains).items())
     print_status(
-        "The former gains are restored. To keep the best gains tried, switch torque off, then: "
-        f"ikservo servo write {words} --arm {connection.arm} --id {servo.id}"
+        "The previous gains have been restored. To keep the best gains tried, switch torque off, "
+        f"then: ikservo servo write {words} --arm {connection.arm} --id {servo.id}"
     )

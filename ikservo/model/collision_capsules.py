@@ -99,7 +99,7 @@ def _require_capsules(model: Model) -> list[Capsule]:
     capsules = capsules_of(model)
     if not capsules:
         raise InputError(
-            f"Contact cannot be checked: no link of {model.name} has a shape.",
+            f"Contact cannot be checked, because no link of {model.name} has a shape.",
             "Add <collision> shapes to its description, or use --no-collision "
             "(collisions=False) if you can see that the path is free.",
         )
@@ -117,7 +117,7 @@ def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
     """
     if isinstance(shape, Mesh | Surface):
         raise InputError(
-            f"Contact cannot be checked: link {link} has a mesh.",
+            f"Contact cannot be checked, because link {link} has a mesh.",
             f"Convert the description: {import_command(Path('FILE'))}",
         )
     if isinstance(shape, Sphere):

@@ -67,7 +67,7 @@ def _range_issues(
     margins = 2 * state.margin_rad / subject.joint_map.horn_rad_per_tick
     if track.lost:
         yield CalibrationError(
-            f"{name} was moved too fast to count its turns.", f"Measure {name} again, slower."
+            f"{name} was moved too fast to count its turns.", f"Measure {name} again, more slowly."
         )
     if track.width < MIN_RANGE_TICKS + margins:
         yield CalibrationError(
@@ -79,13 +79,13 @@ def _range_issues(
         yield CalibrationError(
             f"{name} was moved by a full turn; the arm file expects "
             f"{_format_expected_range(subject)}.",
-            f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
+            "If it has no end stops, mark it as turning freely. Otherwise check for a loose horn.",
         )
     if _fits_better_mirrored(state, subject):
         ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))
         yield CalibrationError(
-            f"{name}: swept {' to '.join(map(subject.joint_map.format, ends))}, "
-            f"arm file {_format_expected_range(subject)}; the sign or "
+            f"{name} was swept from {' to '.join(map(subject.joint_map.format, ends))}, but the "
+            f"arm file says {_format_expected_range(subject)}; the sign or "
             "the pose is wrong.",
             f"Was it first moved the wrong way? Measure {name} again.",
         )
@@ -111,7 +111,7 @@ def warnings(state: CalibrationState) -> Iterator[str]:
     for subject in state.subjects:
         name = subject.name
         if state.sign(subject) != subject.joint_map.sign:
-            yield f"{name}: its sign contradicts the arm file, measured twice."
+            yield f"{name}: its sign, measured twice, contradicts the arm file."
         if name in state.skipped and name in state.reasons:
             yield f"{name}: {state.reasons[name]}"
         elif name in state.skipped:
@@ -168,7 +168,7 @@ class CalibrationState:
         subjects: The joints, base to tip.
         margin_rad: Distance, as an angle of the horn, of limits from ends that were found by hand.
         stage: The stage of the procedure.
-        tracks: Position and range of each servo, by id; shadows included.
+        tracks: Position and range of each servo, by id; the second servo of a joint included.
         stillness: The readings of the last half second.
         reference_ticks: The tick of each servo in the reference pose, by id.
         signs: Directions that were found so far, by joint.
@@ -255,7 +255,7 @@ class CalibrationState:
     # --- events ---
 
     def update(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Add a reading of all servos, bare ticks by id, at a time [s]."""
+        """Add a reading of all servos at a time [s]: bare ticks (without homing offset) by id."""
         ticks_per_turn_by_id = {
             i: s.ticks_per_turn for s in self.subjects for i in (s.servo_id, *s.shadow_ids)
         }

@@ -112,7 +112,7 @@ class MessageFilter(Generic[_MessageT]):
             if is_movement or isinstance(message, _STREAMED):
                 raise StaleMessageError("The message is too old to act on.", "Nothing has changed.")
             raise StalePressError(
-                f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old: "
+                f"The picture on this page was more than {MAX_MESSAGE_AGE_S:.0f} s old, so "
                 "nothing was done.",
                 "Try again. If this persists, close other programs, and switch 3D off if it is on.",
             )

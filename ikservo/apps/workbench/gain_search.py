@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from ikservo.apps.workbench.tried_values import forget_former, note_former, restore_former
 from ikservo.arm.arm import Arm
 from ikservo.control.loop import ControlCycle
+from ikservo.control.servo_gains import forget_former, note_former, restore_former
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import BadValueError, BlockedError, InputError, RefusedError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
@@ -21,6 +21,7 @@ from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoi
 from ikservo.planning.context import ArmContext
 from ikservo.registers import Register
 
+DEFAULT_STEP_RAD = float(np.radians(10.0))
 REST_S = 1.0  # rest after a motion
 _JUDGED_S = 0.5  # last part of a rest, in which a joint should be still
 _LEAST_STEP_RAD = np.radians(1.0) - 1e-9
@@ -147,12 +148,8 @@ class _ThereAndBack:
 def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
     """Move a joint back and forth at the speed ``fast``, and return the response of its servo.
 
-    ikservo's own corrections are off, so that only the servo with its gains is measured.
-
-    Args:
-        arm: The arm; its other joints hold.
-        joint: A revolute joint.
-        step_rad: The step; its direction is reversed if there is no room.
+    ikservo's own corrections are off, so that only the servo with its gains is measured. The other
+    joints hold; the step is reversed if there is no room.
 
     Raises:
         BadValueError: The step is smaller than 1°.
@@ -239,7 +236,7 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
     found = [registers[name] for names in _GAIN_NAMES for name in names if name in registers]
     if len(found) != len(_GAIN_NAMES):
         raise RefusedError(
-            f"{servo} is a {servo.table.model_name}, which has no P and D gain.",
+            f"{servo} is a {servo.table.model_name}, which has no P and D gains.",
             "Its compliance registers can be set: ikservo servo table",
         )
     return found[0], found[1]
@@ -267,7 +264,7 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
     if not found:
         raise UnknownNameError("joint", joint, [each.name for each in servos])
     if found[0].name not in arm.chain.names:
-        raise InputError(f"{found[0]} is not a joint of the chain.", "Name one that moves the tip.")
+        raise InputError(f"{found[0]} does not move the tip.", "Choose a joint that does.")
     return found[0]
 
 
@@ -275,12 +272,9 @@ def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
 def keeping_gains(
     bus: ServoBus, servo: ServoSpec, tried: Iterable[Register] = ()
 ) -> Generator[Mapping[Register, int]]:
-    """Yield the present gains, and restore them when the block ends, even after an error.
+    """Yield the present gains, and restore them after the ``with`` block, even after an error.
 
-    Args:
-        bus: The bus.
-        servo: The servo.
-        tried: Further registers to restore besides P and D.
+    Besides P and D, the registers in ``tried`` are restored.
     """
     restore_former(bus, servo)  # values that a killed program has left
     kept = dict.fromkeys([*gain_registers(servo), *tried])
@@ -323,12 +317,6 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
     A gain is not raised beyond a value at which the joint swings. Of two gains with equal costs,
     the lower one is better. If a joint does not overshoot, lower P is not tried, because under a
     load it would lag so far that the guard stops it.
-
-    Args:
-        arm: The arm.
-        servo: The servo of the joint.
-        before: The present gains and their response.
-        step_rad: See ``measure_response``.
     """
     best, bus = before, arm.context.servos.bus
     p_gain, d_gain = gain_registers(servo)
@@ -385,13 +373,6 @@ def try_steps(
     arm: Arm, servo: ServoSpec, given: Mapping[Register, int], step_rad: float, *, suggest: bool
 ) -> list[Trial]:
     """Return step responses with the present gains, the given gains, and those of a search.
-
-    Args:
-        arm: The arm.
-        servo: The servo of the joint.
-        given: Gains to try; may be empty.
-        step_rad: See ``measure_response``.
-        suggest: Whether to search for better gains.
 
     Raises:
         IkservoError: The errors of ``measure_response``; the present gains are restored.

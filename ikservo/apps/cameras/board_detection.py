@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.cameras.board import Board, require_opencv
+from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, LensTerms
 from ikservo.apps.cameras.capture import open_capture
-from ikservo.apps.cameras.estimation import BoardSample, LensTerms
 from ikservo.errors import CalibrationError, InputError, PictureError
 from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
@@ -71,7 +71,8 @@ class LiveCamera:
             if self._file:
                 raise InputError(f"{self._file} is not {_READABLE}.")
             raise InputError(
-                f"There is no camera {self._name}.", "Is it plugged in, and not in use?"
+                f"There is no camera {self._name}.",
+                "Is it plugged in, and not used by another program?",
             )
 
     def take(self) -> Picture:
@@ -176,7 +177,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
         raise PictureError("The picture is mirrored.", "Switch mirroring off in the camera.")
     if markers and not len(ids):
         raise PictureError(
-            f"The picture shows too little of the board, or another board than {board.name}.",
+            f"The picture shows too little of the board, or a board other than {board.name}.",
             "Give the name of the board that you printed.",
         )
     contrast = float(grey.std())
@@ -244,11 +245,8 @@ def lens_terms(
 ) -> LensTerms:
     """Compute the terms for the lens from corners (k, 3) of a board at a pose (4, 4).
 
-    Args:
-        intrinsics: The lens around which to linearise.
-        T: The pose in the camera frame.
-        corners_m: The corners in the board frame.
-        view: The view of the corners; None if they are exactly at their expected places.
+    The corners are in the board frame, the pose is in the camera frame. Without a view, the corners
+    are exactly at their expected places.
     """
     import cv2  # noqa: PLC0415  # from the extra `camera`
 

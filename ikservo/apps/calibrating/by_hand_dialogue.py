@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ikservo.apps.calibrating.calibration_procedure import (
+from ikservo.apps.calibrating.by_hand_procedure import (
     MARGIN_RAD,
     CalibrationStage,
     CalibrationState,
@@ -30,6 +30,7 @@ from ikservo.apps.calibrating.calibration_session import (
     rest_pose_violations,
 )
 from ikservo.apps.calibrating.calibration_table import calibration_lines, difference_lines
+from ikservo.apps.calibrating.range_tracker import NARROW_SWEEP_UNCHANGED_S, SWEEP_UNCHANGED_S
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import load_calibration_file
 from ikservo.calibration.records import Calibration
@@ -59,9 +60,6 @@ from ikservo.model.tool import describe_direction
 ANSWERS = (ACCEPT, "undo", "remeasure JOINT", "skip JOINT", "continuous JOINT")
 _FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
 
-_UNCHANGED_S = 1.0  # a sweep with complete ranges ends after this time without a new extreme
-_COMPLETE_AFTER_S = 4.0  # the same time, if ranges are narrower than in the arm file
-
 
 @dataclass(frozen=True, slots=True)
 class CalibrationOptions:
@@ -74,7 +72,7 @@ class CalibrationOptions:
         skip: Joints that keep the arm file's range and sign.
         joints: Joints to be calibrated again; empty: all joints.
         user: Ranges set by the user, by joint.
-        write_limits: Whether to write the limits into the servos; None to ask.
+        write_limits: Whether to write the limits into the servos; None asks the user.
     """
 
     pose: str
@@ -116,10 +114,7 @@ def calibrate_by_hand(
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
     """Calibrate a limp arm by hand; return the last state and the result to save.
 
-    Args:
-        limp_arm: The arm, torque off.
-        options: The choices that the user made beforehand.
-        base: The calibration in which some joints are replaced; None if all are new.
+    ``base`` is the calibration in which some joints are replaced; without it, all are new.
 
     Raises:
         CalibrationError: A zero is implausible, and the user did not confirm the pose.
@@ -174,12 +169,7 @@ def record_ranges(
 ) -> Dialogue[CalibrationState]:
     """Read the servos and apply answers until the calibration leaves the given stages.
 
-    Args:
-        limp_arm: The arm, torque off.
-        state: The state of the calibration.
-        pose: The named reference pose.
-        stages: The stages to run.
-        refused: The error of a refused answer that would have ended these stages, or None.
+    ``refused`` is the error of a refused answer that would have ended these stages.
 
     Raises:
         BusError: The servos stopped replying.
@@ -232,7 +222,7 @@ def read_script(path: Path) -> list[str]:
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
-    """Return the request for a state before the review, read at a time [s]; its text is empty."""
+    """Return the request, still without text, for a state before the review, read at a time [s]."""
     ranges = ((track.low, track.high) for track in state.tracks.values())
     current = state.current_joint
     if state.stage is CalibrationStage.REFERENCE_POSE:
@@ -262,7 +252,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
     """Return the answers of a sweep; keys act on the current joint or the joint of an issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
-    wait_s = None if issue else _UNCHANGED_S if complete else _COMPLETE_AFTER_S
+    wait_s = None if issue else SWEEP_UNCHANGED_S if complete else NARROW_SWEEP_UNCHANGED_S
     joints = tuple(subject.name for subject in state.subjects)
     named = [name for name in joints if issue and name in issue.message]
     joint = state.current_joint.name if state.current_joint else next(iter(named), "")
@@ -283,7 +273,10 @@ def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str
         if len(state.subjects) < len(model.joints):
             positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in state.subjects]
             what = f'Put {", ".join(positions)} (pose "{pose}")'
-        return 1, f"{what}. {'It is still: continue.' if state.is_at_rest else 'Hold it still …'}"
+        return (
+            1,
+            f"{what}. {'The arm is still; continue.' if state.is_at_rest else 'Hold it still …'}",
+        )
     if state.current_joint:
         names = [subject.name for subject in state.subjects]
         number = names.index(state.current_joint.name) + 2
@@ -318,13 +311,7 @@ def review(
 ) -> Dialogue[tuple[str, CalibrationResult]]:
     """Show the result, and ask whether to save it.
 
-    Args:
-        limp_arm: The arm.
-        state: The calibration at its review.
-        options: The choices that the user made beforehand.
-        base: The calibration in which some joints are replaced; None if all are new.
-        more: Answers besides saving, for a page with buttons.
-        may_have_sagged: See ``find_shifted_zeros``.
+    ``more`` are answers besides saving, for a page with buttons.
 
     Returns:
         The answer, and the result to save.
@@ -412,10 +399,7 @@ def confirm_saving(
 ) -> Dialogue[str]:
     """Show what would be saved and replaced, and return the user's answer.
 
-    Args:
-        limp_arm: The arm.
-        calibration: The calibration that would be saved.
-        more: Answers besides ``accept``, for a page with buttons.
+    ``more`` are answers besides ``accept``, for a page with buttons.
 
     Raises:
         IkservoError: The user declined; nothing was changed.
@@ -437,11 +421,11 @@ def _replaced_lines(path: Path, calibration: Calibration) -> Iterator[str]:
     try:
         old = load_calibration_file(path, calibration.arm)
     except FileFormatError as error:
-        yield f"It replaces {path}, which is damaged: {error.where} {error.found}."
+        yield f"This replaces {path}, which is damaged: {error.where} {error.found}."
         return
     if old is None:
         return
     changed = list(difference_lines(calibration, old))
     end = ":" if changed else ", whose zeros, signs and ranges are the same."
-    yield f"It replaces the calibration of {old.written:%Y-%m-%d}{end}"
+    yield f"This replaces the calibration from {old.written:%Y-%m-%d}{end}"
     yield from (f"  {line}" for line in changed)

@@ -50,7 +50,7 @@ _SCHEMA = "ikservo/net/1"
 def lost_connection(address: str) -> PortLostError:
     """Return the error for a request that another machine has not answered."""
     error = PortLostError(address, "no answer")
-    error.command_hint = "Is that machine on and reachable, and `ikservo serve` running there?"
+    error.command_hint = "Is that machine on and reachable, and is `ikservo serve` running there?"
     return error
 
 
@@ -172,7 +172,7 @@ class Connection:
         return None
 
     def acknowledge(self) -> None:
-        """Acknowledge a stop; stops from this program that are still on their way arrive first."""
+        """Acknowledge a stop, once this program's own stop requests have reached the server."""
         for each in self._stopping:
             each.wait(_QUICK_S)
         self.drive("acknowledge")
@@ -284,7 +284,7 @@ class Connection:
 
     @contextmanager
     def subscribed(self, topic: str, on_value: Callable[[object], None]) -> Generator[None]:
-        """Call a function with each value of a topic, in a thread of Zenoh, within the block.
+        """Call a function with each value of a topic in the ``with`` block, in a thread of Zenoh.
 
         Like goals, values are dropped if they are older than the dead-man timeout, repeated or
         overtaken.

@@ -5,7 +5,7 @@ the arm's base in the camera, the pose B of the board on the tip, and the forwar
 zeros, compliance and backlash (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
 estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all samples: e has six rows in
 the frame of the ray to the board. The deviations σ across the ray, along it, of the turn about it
-and of the tilt differ tenfold; they are estimated from the residuals (variance components). m and s
+and of the tilt differ by a factor of ten; the residuals give them (variance components). m and s
 are the prior mean and deviation of x. Parameters that the pictures do not determine keep their
 prior; otherwise, the zero of a last joint, which turns the board, would follow the smallest model
 error.
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
 
@@ -253,7 +253,7 @@ class CameraFit:
         moved = ["rad/N m" if each == "rad" else "m/N" for each in unit]
         named = [
             (f"{name} {what}", units[i])
-            for what, units in (("zero", unit), ("compliance", moved), ("half play", unit))
+            for what, units in (("zero", unit), ("compliance", moved), ("half backlash", unit))
             for i, name in enumerate(chain.names)
         ]
         return tuple(
@@ -340,11 +340,8 @@ def fit_camera(
 ) -> CameraFit:
     """Fit the camera, the board and the arm parameters of ``extent``.
 
-    Args:
-        known: The known arm.
-        samples: The samples (n), three or more.
-        extent: The parameters to estimate.
-        outliers_of: The fit whose outliers are left out; None to search for outliers.
+    There are three samples or more. The outliers of the fit ``outliers_of`` are left out; without
+    it, they are searched for.
 
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
@@ -367,11 +364,7 @@ def fit_camera(
 
 
 def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple[Matrix, Matrix]:
-    """Compute the information from pictures about all parameters except the backlash.
-
-    Args:
-        fit: The present estimate of camera and arm.
-        samples: Boards (n) at their expected poses.
+    """Compute what boards (n) at their expected poses tell about all parameters but the backlash.
 
     Returns:
         The information matrix (k, k) of all pictures and the prior, and the rows (n, 12, k) of each

@@ -37,10 +37,8 @@ def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Gen
 
     A stop for another reason ends the command at once; the arm holds.
 
-    Args:
-        machine: The arm that the command moves.
-        clock: Measures the wait for the second signal; None uses the computer's clock, also for
-            simulated arms, because the user acts in real time.
+    Without a clock, the computer's clock measures the wait for the second signal, also for
+    simulated arms, because the user acts in real time.
     """
     clock = clock or RealClock()
     try:
@@ -97,9 +95,8 @@ def open_from_options(
             if not each.port:
                 raise InputError(
                     f"{scene} does not name the port of {each.name}.",
-                    'Add the port to its table, as in: port = "/dev/ttyUSB1". Arms on one page '
-                    "need no "
-                    "port.",
+                    'Add the port to its table, as in: port = "/dev/ttyUSB1". '
+                    "Arms on one page of ikservo view need no port.",
                 )
     with (
         open_arm(
@@ -118,6 +115,8 @@ def open_from_options(
                 "Not calibrated: using nominal zeros; the position may be wrong by several cm."
             )
         if isinstance(machine, Arm):
+            for warning in machine.context.servos.warnings:  # of opening the arm
+                print_status(warning)
             machine.context.servos.warn = print_status
             machine.context.servos.stop_request.raise_if_set(REQUEST_HINT)
         with second_interrupt_lowers(machine):
@@ -163,11 +162,11 @@ def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None
     print_status(f"{machine.model.title} on {format_port(machine.port_name)}{where_to}: "
          f"{plan.duration_s:.1f} s, {plan.speed}.")  # fmt: skip
     if isinstance(machine.clock, RealClock) and allowed_priority():
-        print_status(f"Real-time priority {allowed_priority()} while it moves.")
+        print_status(f"Real-time priority {allowed_priority()} while the arm moves.")
     if plan.via_pose:
-        print_status(f'Direct path would collide; moving via pose "{plan.via_pose}".')
+        print_status(f'The direct path would collide; moving via pose "{plan.via_pose}".')
     if plan.around:
-        print_status(f"On the straight path {plan.around}; moving around it.")
+        print_status(f"The straight path is not possible: {plan.around}. Taking a detour.")
     if plan.speed_reduced:
         print_status("First motion after torque-on: slow speed.")
     if plan.tool_speed is not None and not plan.tool_speed.is_constant:
@@ -227,5 +226,7 @@ def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
 def warn_uncompiled() -> None:
     """Warn, before goals are streamed, that the solver is slow because it is not compiled."""
     if not is_compiled():
-        print_status("The solver is not compiled, so goals come late. Install a C compiler, then")
+        print_status(
+            "The solver is not compiled, so goals are sent late. Install a C compiler, then"
+        )
         print_status("reinstall ikservo; in a clone run: make build.")

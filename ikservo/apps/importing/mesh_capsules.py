@@ -96,13 +96,9 @@ def fit_capsules(
     leaves no gap. Vertices are merged first; the capsules are made thicker by the distance that
     merging moved them.
 
-    If a link has other meshes, parts inside their capsules need no capsule, and a capsule that is
-    close to any of the meshes counts as close to the link.
-
-    Args:
-        triangles: The triangles, at least one.
-        beside: The other meshes of the link, in the coordinates of this one.
-        given: The capsules of other meshes of the link that were fitted before.
+    If a link has other meshes (``beside``, in the same coordinates), parts inside their capsules
+    (``given``) need no capsule, and a capsule that is close to any of the meshes counts as close to
+    the link.
     """
     allowed_m = allowed_excess_m(triangles)
     size_m = extent_m(triangles)

@@ -15,11 +15,11 @@ from ikservo.apps.page.dragging.goal_planning import GoalPlanner, PlanRequest
 from ikservo.apps.page.dragging.interaction import Interaction
 from ikservo.apps.page.dragging.labels import STOP_TEXTS
 from ikservo.apps.page.dragging.snapshot import StopNotice
-from ikservo.apps.page.frames import FrameComposer
 from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
 from ikservo.apps.page.messages.program_messages import ProgramMessage
 from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
+from ikservo.apps.page.page_updates import FrameComposer
 from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
@@ -37,17 +37,17 @@ from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.running.history import csv_lines
 from ikservo.apps.page.server.auth import Permission
 from ikservo.apps.page.server.downloads import Download, DownloadOffers
-from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 
 _ORBIT_RAD_PX = 0.008
-_AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
+_AWAY_TEXT = "Stopped: the page in control was hidden, closed or replaced."
 _HARMLESS = ("up", "cancel", "hover", "leave")  # pointer events without a new target
 _MAX_SILENCE_S = 2.5  # of the page, while it offers a grasp
-_GO_LIVE_TEXT = "The arm does not follow. The last goal was dropped."
+_GO_LIVE_TEXT = "The arm no longer follows. The last goal was dropped."
 
 Handler = Callable[[Any, Client], None]
 """Handler for one type of message."""
@@ -57,14 +57,6 @@ class SessionController:
     """Handles the messages of all clients; one of them controls the arm (``SessionBackend``).
 
     Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
-
-    Args:
-        arm_thread: Owns the arm.
-        clock: The time of the page.
-        downloads: Offers files for download; a new one if None.
-        find_arm: Finds another arm of the page, to be followed.
-        cameras: The cameras that the arm may show; None for none.
-        add_other_arm: Makes another arm of the page an obstacle to this one.
 
     Attributes:
         downloads: The files that pages have requested.
@@ -170,11 +162,7 @@ class SessionController:
         return frames + client.take_outbox()
 
     def stop(self, by: str) -> None:
-        """Brake and hold until acknowledged.
-
-        Args:
-            by: The actor, as the beginning of a sentence.
-        """
+        """Brake and hold until acknowledged; ``by`` is the subject of the notice to the user."""
         self._forget_targets()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
         self._arm_thread.request_stop(StopReason(StopKind.CLIENT, f"{by}."))
@@ -273,7 +261,7 @@ class SessionController:
         recording = history.last_stop if message.stopped else history.since(-math.inf)
         if recording is None:
             raise BadMessageError(
-                "Nothing has stopped the arm yet.", "Save the present data instead."
+                "Nothing has stopped the arm yet.", "Save the recent history instead."
             )
         name = f"{self._arm.model.name}-{'stop' if message.stopped else 'history'}.csv"
         url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
@@ -369,7 +357,7 @@ class SessionController:
         """Switch a servo's torque, and drop the goal, because it started from the old position."""
         self._require_ready()
         if self._arm_thread.command.live:
-            raise BadMessageError("Torque stays on in Live.", "Switch Live off first.")
+            raise BadMessageError("Torque stays on while Live is on.", "Switch Live off first.")
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
@@ -394,7 +382,7 @@ class SessionController:
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm or click a point first.")
         if path is None or path.number != message.path:
-            raise BadMessageError("The path to that target is not shown yet.", "Nothing moves.")
+            raise BadMessageError("The path to that target is not shown yet.", "Nothing moved.")
         path.plan_for(request)
         self._arm_thread.request_job(ExecutePath(path))
         self._grasp.drop()
@@ -411,7 +399,9 @@ class SessionController:
         picture, camera = self._require_picture(client)
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
-            raise BadMessageError("Nothing is picked up in Live.", "Switch Live off first.")
+            raise BadMessageError(
+                "Nothing can be picked up while Live is on.", "Switch Live off first."
+            )
         self._grasp.request(self._circumstances())
         self._interaction.reset()
         self._grasp.choose(message, picture, camera, self._circumstances())
@@ -569,7 +559,7 @@ class SessionController:
         try:
             return CameraView(self._arm, cameras.video, self._clock, cameras.name)
         except IkservoError as error:
-            text = f"Clicks in the picture are not targets: {error.message} {error.command_hint}"
+            text = f"Clicks in the picture cannot set targets: {error.message} {error.command_hint}"
             self._interaction.log(text.rstrip())
             return None
 

@@ -5,7 +5,8 @@ import time
 import pytest
 
 from ikservo.apps.page.messages.page_messages import BadMessageError
-from ikservo.apps.page.panels.new_arm_panel import AnswerNewArm, NewArmPanel, StartNewArm
+from ikservo.apps.page.panels.dialogue_panel import AnswerDialogue, DialoguePanel, StartNewArm
+from ikservo.apps.page.panels.dialogue_process import CheckServos, SetUpServos
 from ikservo.model import load_model
 from tests.apps.importing.hidden_arm import hide_arm
 from tests.apps.importing.test_hostile import CHAIN, LINKS, robot
@@ -14,7 +15,7 @@ from tests.oracle import CONFIGS
 
 @pytest.fixture
 def panel(tmp_path):
-    panel = NewArmPanel(tmp_path)
+    panel = DialoguePanel(tmp_path)
     yield panel
     panel.close()
 
@@ -23,12 +24,12 @@ def start(panel, name="mine", source="", port=""):
     message = StartNewArm(
         kind="new_arm", seq=1, seen=0, name=name, source=str(source), port=str(port)
     )
-    panel.start(message)
+    panel.start_new_arm(message)
 
 
 def answer(panel, text, number=None):
     number = number or panel.fields()["number"]
-    panel.answer(AnswerNewArm(kind="answer_new_arm", seq=1, seen=0, number=number, answer=text))
+    panel.answer(AnswerDialogue(kind="answer_dialogue", seq=1, seen=0, number=number, answer=text))
 
 
 def wait_for(panel, is_there, within_s=120.0):
@@ -46,7 +47,7 @@ def asked(text):
 
 
 def ended(fields):
-    return bool(fields["error"] or fields["folders"])
+    return bool(fields["error"] or fields["result"])
 
 
 def test_new_arm_is_written_only_after_consent(panel, tmp_path):
@@ -103,7 +104,7 @@ def test_stop_ends_servo_search_and_does_not_write_arm(panel, tmp_path, monkeypa
     wait_for(panel, asked("Which link is the tip?"))
     answer(panel, "")
     wait_for(panel, asked("Move it?"))
-    assert panel.fields()["has_servos"]
+    assert panel.fields()["moves_servos"]
     process = panel._process
     answer(panel, "accept")
     wait_for(panel, lambda fields: "moving servo" in fields["progress"])
@@ -118,7 +119,52 @@ def test_stop_ends_servo_search_and_does_not_write_arm(panel, tmp_path, monkeypa
 
 
 def test_page_on_other_machine_cannot_import_server_files(tmp_path):
-    panel = NewArmPanel(tmp_path, is_local=False)
+    panel = DialoguePanel(tmp_path, is_local=False)
     with pytest.raises(BadMessageError, match="another machine"):
         start(panel, source="/etc/passwd")
     assert not panel.is_running
+
+
+def test_check_on_page_of_healthy_arm_reports_no_faults(panel):
+    panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))
+    wait_for(panel, ended)
+    assert panel.fields()["result"] == "No faults found."
+    assert any("all 6 answer at 1000000 baud" in line for line in panel.fields()["lines"])
+
+
+def test_search_on_page_names_arms_that_have_these_servos(panel):
+    panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim", any_servos=True))
+    wait_for(panel, ended)
+    assert "✓ arm: these are the servos of so100, so101." in panel.fields()["lines"]
+
+
+def test_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "silent"\nid = 3\n')
+    panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", f"sim:?faults={faults}"))
+    wait_for(panel, ended)
+    assert panel.fields()["result"].startswith("Faults: 1, ")
+    assert any("no answer from elbow_flex (id 3)" in line for line in panel.fields()["lines"])
+
+
+@pytest.mark.full
+def test_set_up_on_page_gives_ids_and_can_begin_at_any_servo(panel):
+    panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
+    wait_for(panel, asked("Begin with the servo of"))
+    assert panel.fields()["question"]["choices"][0] == "shoulder_pan"
+    answer(panel, "")
+    wait_for(panel, asked("Set it to id 1 at 1000000 baud for shoulder_pan?"))
+    answer(panel, "accept")
+    wait_for(panel, asked("Set it to id 2 at 1000000 baud for shoulder_lift?"))
+    lines = panel.fields()["lines"]
+    assert "✓ shoulder_pan (id 1): id 9 → 1" in lines
+    assert "Unplug this servo." in lines
+    answer(panel, "no")
+    wait_for(panel, ended)
+    assert panel.fields()["error"].startswith("Cancelled; this servo was not changed.")
+
+
+def test_second_dialogue_is_refused_while_one_runs(panel):
+    panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
+    with pytest.raises(BadMessageError, match="Another dialogue is running"):
+        panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))
