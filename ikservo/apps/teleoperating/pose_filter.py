@@ -50,6 +50,8 @@ LAG_S = 0.03
 _SINGULAR_M_RAD = 0.04  # the slowest motion of the tip per radian below which the goal slows down
 _SLOWEST = 0.2  # fraction of the speed in a singular posture
 _LIFT_M = 0.001  # between two goals that are refused because of the table
+_MAX_LIFT_M = 0.01  # above the first of them
+_SINK_M_RAD = 0.01  # by which the floor sinks again while the arm moves
 _REACHED_M = 2e-3
 _FAR_M = 0.1  # a target further away counts as this
 _TURN_WEIGHT_M_RAD = 0.01  # 1 mm of the position counts like 6° of the orientation
@@ -223,6 +225,7 @@ class PoseFilter:
         """Open the clutch; the next pose latches the references again."""
         self._hand = self.wanted = None
         self._floor_m = -math.inf  # the tip stays above it until the hand is higher
+        self._touched_m = math.inf  # lowest height of the tip when a goal touched the table
 
     def on_rejected(self, pair: Sequence[str], kept: Vector) -> None:
         """Slide along the table if a goal was refused because of it.
@@ -233,7 +236,9 @@ class PoseFilter:
         """
         if TABLE in pair:
             kept_m = float(self._chain.forward(kept)[2, 3])
-            self._floor_m = max(self._floor_m, kept_m) + _LIFT_M
+            self._touched_m = min(self._touched_m, kept_m)
+            lifted_m = max(self._floor_m, kept_m) + _LIFT_M
+            self._floor_m = min(lifted_m, self._touched_m + _MAX_LIFT_M)
 
     def step(self, tracked: TrackedPose | None, q: Vector, time_s: float) -> Vector:
         """Return the next goal (dof,) of the chain; its difference from the last one is bounded.
@@ -257,13 +262,14 @@ class PoseFilter:
         self.wanted = self._tip_pose(self._hand.predict(time_s, 0.0))
         ahead = self._tip_pose(self._hand.predict(time_s, lead_s))
         if self.wanted[2, 3] > self._floor_m:
-            self._floor_m = -math.inf
+            self._floor_m, self._touched_m = -math.inf, math.inf
         elif ahead[2, 3] < self._floor_m:
             ahead[2, 3], self.limit = self._floor_m, self.limit or TABLE
         moved = self._approach(ahead, q, elapsed_s)
         if elapsed_s > 0.0:
             weight = 1.0 - math.exp(-elapsed_s / _SPEED_MEMORY_S)
             self._speed_rad_s += weight * ((moved - q) / elapsed_s - self._speed_rad_s)
+        self._floor_m -= _SINK_M_RAD * float(np.abs(moved - q).max())
         return moved
 
     def _tip_pose(self, T_hand: Matrix) -> Matrix:

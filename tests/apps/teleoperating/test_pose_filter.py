@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.apps.teleoperating.pose_filter import PoseFilter, TrackedPose
+from ikservo.apps.teleoperating.pose_filter import TABLE, PoseFilter, TrackedPose
 from ikservo.errors import BadValueError
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 from ikservo.model.tool import tool_frame
@@ -204,6 +204,22 @@ def test_goal_stays_when_poses_no_longer_arrive(name):
     moved = [follower.step(None) for _ in range(100)]
     np.testing.assert_array_equal(moved[10], moved[-1])
     assert follower.filter.wanted is None
+
+
+def test_refused_goals_lift_a_resting_hand_by_1_cm_at_most():
+    follower = Follower("so101")
+    follower.hold(hand_at(), 2).hold(hand_at((0.0, 0.0, -0.02)))
+    before_m, kept, tips_m = follower.tip()[2, 3], follower.q, []
+    for cycle in range(300):
+        follower.step(TrackedPose(hand_at((0.0, 0.0, -0.02))))
+        if cycle < 60 or cycle % 2:
+            follower.filter.on_rejected(("gripper", TABLE), kept)
+            follower.q = kept
+        kept = follower.q
+        tips_m.append(follower.tip()[2, 3])
+    assert 0.002 < max(tips_m) - before_m < 0.011
+    follower.hold(hand_at())
+    np.testing.assert_allclose(follower.tip()[2, 3], before_m + 0.02, atol=1e-3)
 
 
 def test_wrist_at_its_limit_does_not_turn_back_the_long_way():
