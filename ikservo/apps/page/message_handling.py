@@ -273,6 +273,8 @@ class SessionController:
         """Handle a message that only the client in control may send; it counts as a heartbeat."""
         _check_may_control(client)
         if not self._lease.is_held_by(client.lease):
+            if isinstance(message, msg.TrackHand) and message.held:
+                self._interaction.hand.spend(message.clutch)
             raise BadMessageError("Another page is in control.", "Take control first.")
         self._update_after_session()
         self._lease.refresh(client.lease)
@@ -488,12 +490,12 @@ class SessionController:
         """Move the goal with the hand; an arm that accepts no targets opens the clutch."""
         arm_thread, snapshot = self._arm_thread, self._arm_thread.snapshot
         if snapshot.stop_notice or snapshot.calibration or arm_thread.job is not None:
-            self._interaction.hand.release()
-            return
-        self._arm.context.require_zeros()
-        now_s = self._clock.now_s()
-        self._interaction.track_hand(message, snapshot, arm_thread.command.speed, now_s)
-        self._hand_stamp = message.stamp, now_s
+            self._interaction.hand.refuse(message)
+        else:
+            self._arm.context.require_zeros()
+            speed = arm_thread.command.speed
+            self._interaction.track_hand(message, snapshot, speed, self._clock.now_s())
+        self._hand_stamp = message.stamp, self._clock.now_s()
 
     def _hand_frames(self) -> list[Frame]:
         """Return what limits the hand, once the arm has been read after its last pose."""
@@ -501,7 +503,7 @@ class SessionController:
             return []
         (stamp, _), self._hand_stamp = self._hand_stamp, None
         hand, refusal = self._interaction.hand, self._interaction.refusal
-        limit = hand.limit if refusal is None else refusal.reason
+        limit = hand.limit if refusal is None or not hand.is_held else refusal.reason
         return [{"kind": "hand", "stamp": stamp, "held": hand.is_held, "limit": limit}]
 
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
@@ -535,7 +537,10 @@ class SessionController:
         if self._arm_thread.arm is not self._arm:  # its limits may have changed
             self._arm = self._arm_thread.arm
             self.close()
+            self._interaction.hand.release()
+            spent = self._interaction.hand.spent
             self._interaction = Interaction(self._arm, self._clock)
+            self._interaction.hand.spent = spent
             self._planner, self._grasp = GoalPlanner(self._arm), GraspOffer(self._arm_thread)
             self._things = self._things_panel()
             self._camera_view = self._find_camera_view()

@@ -250,10 +250,10 @@ class PoseFilter:
         """
         elapsed_s = min(max(time_s - self._stepped_s, 0.0), MAX_CYCLE_S)
         self._stepped_s, self.limit, self.is_out_of_reach = time_s, "", False
+        if self._hand is not None and time_s - self._hand.time_s > DEAD_MAN_TIMEOUT_S:
+            self.release()
         if tracked is not None:
             self._take(tracked, q, time_s)
-        elif self._hand is not None and time_s - self._hand.time_s > DEAD_MAN_TIMEOUT_S:
-            self.release()
         if self._hand is None or self._hand.is_late(time_s):
             return q
         # The arm can stop at every goal, so it is behind a moving one by its braking distance.

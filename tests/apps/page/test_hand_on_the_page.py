@@ -1,12 +1,14 @@
 """A hand moves the goal of the page, and the arm in Live; silence and refusals hold it."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 
 from ikservo.apps.page.messages import page_messages
-from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.messages.page_messages import BadMessageError, read_message
+from ikservo.apps.page.server.message_age_and_rate import MessageFilter, StaleMessageError
 from tests.apps.page.view_session import ViewSession
 from tests.arm.simulated import true_tip_m
 
@@ -22,7 +24,7 @@ def session():
 
 def send(session, shift_m=(0.0, 0.0, 0.0), *, held=True, **fields):
     position = tuple(1.0 + x for x in shift_m)
-    fields = {"rotation": STILL, **fields}
+    fields = {"rotation": STILL, "clutch": 1, **fields}
     session.send_message(page_messages.TrackHand, position=position, held=held, **fields)
 
 
@@ -45,7 +47,7 @@ def test_closing_the_clutch_elsewhere_moves_nothing(session):
     for k in range(20):
         session.clock.sleep_until(session.clock.now_s() + 0.016)
         send(session, (0.4 * math.sin(k), 0.3, -0.2), held=False)
-    send(session, (0.2, 0.3, -0.2))
+    send(session, (0.2, 0.3, -0.2), clutch=2)
     np.testing.assert_allclose(session.interaction.goal, before, atol=1e-6)
 
 
@@ -109,6 +111,107 @@ def test_stopped_arm_opens_the_clutch(session):
     send(session, (0.0, 0.05, 0.0))
     assert session.interaction.goal is None
     assert not session.interaction.hand.is_held
+
+
+def wait(session, duration_s):
+    session.clock.sleep_until(session.clock.now_s() + duration_s)
+
+
+def moved_by(session, clutch, count=20):
+    """Return how far the goal moves with a hand that holds on."""
+    before, goal = true_tip_m(session.arm), session.interaction.shown_goal
+    start_m = before if goal is None else goal_tip_m(session)
+    for k in range(count):
+        wait(session, 0.016)
+        send(session, (0.0, 0.004 * k, 0.0), clutch=clutch)
+    if session.interaction.goal is None:
+        return 0.0
+    return float(np.linalg.norm(goal_tip_m(session) - start_m))
+
+
+def pause(session):
+    wait(session, 0.35)
+
+
+def silence(session):
+    wait(session, 0.35)
+    session.latest_frames()
+    assert not session.interaction.hand.is_held
+    send(session, held=False)
+
+
+def stop_and_acknowledge(session):
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    send(session)
+    session.send_message(page_messages.Acknowledge)
+    session.arm_thread.step()
+    session.arm_thread.step()
+
+
+def press_while_stopped(session):
+    send(session, held=False)
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    send(session)
+    session.send_message(page_messages.Acknowledge)
+    session.arm_thread.step()
+    session.arm_thread.step()
+
+
+def undo(session):
+    session.send_message(page_messages.Undo)
+
+
+def go_to_pose(session):
+    session.send_message(page_messages.GoToPose, name="rest")
+
+
+def lose_control(session):
+    other = session.connect()
+    session.send_message(page_messages.TakeControl, other, on=True)
+    for _ in range(3):
+        with pytest.raises(BadMessageError):
+            send(session)
+    session.send_message(page_messages.TakeControl, on=True)
+
+
+@pytest.mark.parametrize(
+    "release", [pause, silence, stop_and_acknowledge, press_while_stopped, undo, go_to_pose]
+)
+def test_clutch_opened_by_the_server_closes_only_with_a_new_press(session, release):
+    assert moved_by(session, clutch=1) > 0.01
+    release(session)
+    assert moved_by(session, clutch=1) == pytest.approx(0.0, abs=1e-6)
+    wait(session, 0.05)
+    session.arm_thread.step()
+    frame = session.latest_frames()["hand"]
+    assert (frame["held"], frame["limit"]) == (False, "let go first")
+    assert moved_by(session, clutch=2) > 0.01
+
+
+def test_press_during_the_control_of_another_page_moves_nothing(session):
+    lose_control(session)
+    assert moved_by(session, clutch=1) == 0.0
+    assert moved_by(session, clutch=2) > 0.01
+
+
+def test_new_press_without_a_release_latches_the_hand_again(session):
+    assert moved_by(session, clutch=1) > 0.01
+    before = session.interaction.goal
+    wait(session, 0.016)
+    send(session, (0.0, 0.12, 0.03), clutch=2)
+    np.testing.assert_allclose(session.interaction.goal, before, atol=1e-6)
+
+
+def test_letting_go_is_accepted_however_late():
+    intake = MessageFilter(0.0, read_message)
+    intake.record_sent(0.0)
+    fields = {"kind": "track_hand", "seen": 0, "position": [0, 0, 0], "rotation": STILL}
+    with pytest.raises(StaleMessageError):
+        intake.accept(json.dumps({**fields, "seq": 1, "held": True, "clutch": 1}), 5.0)
+    late = json.dumps({**fields, "seq": 2, "held": False, "clutch": 1})
+    assert not intake.accept(late, 5.0).held
 
 
 def test_rotation_that_is_none_is_refused(session):

@@ -222,6 +222,14 @@ def test_refused_goals_lift_a_resting_hand_by_1_cm_at_most():
     np.testing.assert_allclose(follower.tip()[2, 3], before_m + 0.02, atol=1e-3)
 
 
+def test_motion_during_a_pause_without_poses_is_not_made_up_for():
+    follower = Follower("so101").hold(hand_at(), 20)
+    before = follower.q
+    follower.time_s += 0.35
+    follower.hold(hand_at((0.0, 0.1, 0.0), (0.0, 0.0, 0.4)), 100)
+    np.testing.assert_allclose(follower.q, before, atol=1e-6)
+
+
 def test_wrist_at_its_limit_does_not_turn_back_the_long_way():
     follower = Follower("so101")
     axis = follower.tip()[:3, :3] @ follower.axis

@@ -272,8 +272,9 @@ class Interaction:
         self._restore(self.history.redo(self._present_goal(snapshot)))
 
     def finish_target(self) -> None:
-        """End a drag and its solver; the goal stays as shown."""
+        """End a drag and its solver, and open the hand's clutch; the goal stays as shown."""
         self._end_drag()
+        self.hand.release()
         self._command = None
 
     def _end_drag(self) -> None:
@@ -345,10 +346,12 @@ class Interaction:
         Raises:
             InputError: The pose is invalid.
         """
-        if message.held and not self.hand.is_held:
+        was_held = self.hand.is_held
+        self.hand.expire(now_s)
+        if self.hand.is_new(message):
             self._record_goal(snapshot, "")
             self.finish_target()
-        was_held, goal = self.hand.is_held, self._goal_or_rest(snapshot)
+        goal = self._goal_or_rest(snapshot)
         goal, marker = self.hand.next_goal(message, goal, snapshot, speed, now_s)
         if marker is not None:
             self.goal, self.marker, self.solver_trace = goal, marker, None
@@ -356,7 +359,8 @@ class Interaction:
             self.revision += 1
 
     def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
-        """Continue towards a target that one solve did not reach."""
+        """Continue towards a target that one solve did not reach; a silent hand has let go."""
+        self.hand.expire(now_s)
         if self._command is not None:
             self.revision += 1
             self._solve_pending(snapshot, now_s)

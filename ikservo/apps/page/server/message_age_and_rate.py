@@ -103,8 +103,10 @@ class MessageFilter(Generic[_MessageT]):
             raise
         # Holding is never too late; a page sends its viewport once, often during the slow first
         # second of its layout.
-        is_always_accepted = isinstance(message, Stop | SetViewport) or (
-            isinstance(message, Heartbeat) and not message.visible
+        is_always_accepted = (
+            isinstance(message, Stop | SetViewport)
+            or (isinstance(message, Heartbeat) and not message.visible)
+            or (isinstance(message, TrackHand) and not message.held)
         )
         age_s = now_s - self._sent.get(message.seen + 1, now_s)  # age of the first scene not drawn
         if age_s > MAX_MESSAGE_AGE_S and not is_always_accepted:
