@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.page_operator import TIMEOUT_S, Operator, apart_mm, until
+from tests.browser.page_operator import TIMEOUT_S, Operator, apart_mm
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -142,35 +142,6 @@ def test_second_finger_on_a_phone_moves_the_tip_forward(phone):
 HIDE = """for (const [name, value] of [["hidden", true], ["visibilityState", "hidden"]])
   Object.defineProperty(document, name, { get: () => value });
 document.dispatchEvent(new Event("visibilitychange"));"""
-
-
-FAKE_HID = """
-window.spaceMouse = new EventTarget();
-spaceMouse.open = async () => { spaceMouse.opened = true; };
-Object.defineProperty(navigator, "hid", { value: { requestDevice: async () => [spaceMouse] } });
-window.report = (reportId, values) => {
-  const data = new DataView(new Int16Array(values).buffer);
-  spaceMouse.dispatchEvent(Object.assign(new Event("inputreport"), { reportId, data }));
-};
-"""
-
-
-def test_deflected_space_mouse_moves_the_tip_while_it_lasts(browser, view):
-    context = browser.new_context(viewport={"width": 1100, "height": 720})
-    context.add_init_script(FAKE_HID)
-    live = Operator(context.new_page(), view).enable_live().until_still()
-    before_m = view.tip_m()
-    opened(live).page.click("#hand-mouse")
-    live.until("spaceMouse.opened")
-    live.page.evaluate("window.reports = setInterval(() => report(1, [-175, 0, -175]), 16)")
-    until(lambda: view.tip_m()[1] - before_m[1] > 0.02, lambda: (view.tip_m(), live.status))
-    live.page.evaluate("clearInterval(reports)")  # the device is silent, though still deflected
-    live.until(HELD % "false").until_still()
-    moved_m = view.tip_m() - before_m
-    assert moved_m[1] == pytest.approx(moved_m[2], abs=0.005)
-    assert abs(moved_m[0]) < 0.005
-    assert moved_m[1] < 0.2
-    context.close()
 
 
 def test_hidden_page_opens_the_clutch_and_ends_live(live):

@@ -1,10 +1,9 @@
 // The hand that moves the tool: a phone or a controller tracked by WebXR, or else a phone's gyroscope
-// with moving by touch; or a SpaceMouse. While the user holds to move, each frame sends the pose of the hand.
+// with moving by touch. While the user holds to move, each frame sends the pose of the hand.
 
 import { $, setText, updateChoices } from "./elements.js";
 import { HandSession } from "./hand_session.js";
 import { fromAngles, heading, multiply, turnAboutZ, yaw } from "./quaternions.js";
-import { SpaceMouse } from "./space_mouse.js";
 
 const M_PER_PX = 0.0005; // motion of the hand for that of a finger
 const SIDES = { behind: 0, right: Math.PI / 2, facing: Math.PI, left: -Math.PI / 2 }; // where the user stands
@@ -25,12 +24,9 @@ export class Hand {
     this.limit = "";
     this.latency = null;
     this.session = null;
-    this.mouse = new SpaceMouse();
     $("hand-show").onclick = () => this.open();
     $("hand-close").onclick = () => this.close();
     $("hand-xr").onclick = () => this.startSession();
-    $("hand-mouse").hidden = !navigator.hid;
-    $("hand-mouse").onclick = () => this.mouse.connect().catch((error) => setText($("hand-state"), error.message));
     $("hand-scale").oninput = () => this.showScale();
     gamepads.bindButton($("hand-gripper-open"), -1);
     gamepads.bindButton($("hand-gripper-close"), 1);
@@ -122,23 +118,11 @@ export class Hand {
 
   // Called once per frame of the page: without WebXR, sends the pose by touch and gyroscope.
   flush() {
-    if (!this.isOpen() || this.session || this.flushMouse()) return;
+    if (!this.isOpen() || this.session) return;
     if (!this.wasHeld) this.forward = heading(this.sensor);
     const [right, up, ahead] = this.touched;
     const position = turnAboutZ([ahead, -right, up], this.forward);
     this.hold({ position, rotation: this.sensor }, this.fingers.size > 0, this.forward);
-  }
-
-  // Returns whether the SpaceMouse moves the hand, or has done so until now.
-  flushMouse() {
-    const { mouse } = this;
-    const deflected = !document.hidden && !this.fingers.size && mouse.isDeflected();
-    if (mouse.grip() || this.mouseGrip) this.gamepads.buttonGrip = this.mouseGrip = mouse.grip();
-    const moves = deflected || (this.byMouse && this.wasHeld);
-    this.byMouse = deflected;
-    mouse.step();
-    if (moves) this.hold(mouse, deflected, 0);
-    return moves;
   }
 
   // source: its pose (null while tracking is lost), the heading of the user, and the pressed buttons.
