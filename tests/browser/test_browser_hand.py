@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.page_operator import TIMEOUT_S, Operator, apart_mm
+from tests.browser.page_operator import TIMEOUT_S, Operator, apart_mm, until
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -34,6 +34,8 @@ NEAR_MM = 4.0
 PAN_ID = 1
 OWN = pytest.mark.parametrize("view", [{}], indirect=True, ids=["own"])
 HELD = "document.getElementById('hand-hold').hasAttribute('data-held') === %s"
+
+SAYS = "document.getElementById('hand-state').textContent.includes('%s')"
 
 
 @pytest.fixture(scope="session")
@@ -227,6 +229,71 @@ def test_arm_holds_when_the_headset_loses_the_hand(headset, lost):
     headset.until_still()
     assert apart_mm(served.tip_m(), there_m) < 3.0  # the settling lifts a sagging arm
     assert headset.status["live"]
+
+
+GRIPPER = 6
+
+
+def press_again(headset, name="controller"):
+    """Let go and squeeze again."""
+    headset.page.evaluate(f"{name}.updateButtonValue('squeeze', 0)")
+    headset.page.wait_for_timeout(100)
+    headset.page.evaluate(f"{name}.updateButtonValue('squeeze', 1)")
+    headset.until(HELD % "true")
+
+
+def test_other_hand_that_squeezes_already_must_squeeze_again(headset):
+    squeeze(headset, 1)
+    headset.page.evaluate("device.controllers.left.updateButtonValue('squeeze', 1)")
+    headset.page.wait_for_timeout(100)
+    squeeze(headset, 0)
+    headset.until(SAYS % "Let go first")
+    press_again(headset, "device.controllers.left")
+
+
+def test_squeeze_after_lost_tracking_must_be_repeated(headset):
+    squeeze(headset, 1)
+    headset.page.evaluate("isGuessed = true")
+    headset.until(HELD % "false")
+    headset.page.evaluate("isGuessed = false")
+    headset.until(SAYS % "Let go first")
+    press_again(headset)
+
+
+def test_squeeze_through_a_stop_must_be_repeated(headset):
+    squeeze(headset, 1)
+    headset.page.keyboard.press("Escape")
+    headset.wait_for("status.mode === 'stopped'").until(HELD % "false")
+    headset.until(SAYS % "Let go first")
+
+
+ENDS = {
+    "panel": "document.getElementById('hand-close').click()",
+    "session": "device.activeSession.end()",
+    "controller": "controller.connected = false",
+    "tracking": "isGuessed = true",
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_gripper_stops_when_the_pulled_trigger_is_gone(headset, end):
+    squeeze(headset, 1)
+    headset.page.evaluate("controller.updateButtonValue('trigger', 0.2)")
+    start = headset.served.goals()[GRIPPER]
+    until(lambda: headset.served.goals()[GRIPPER] != start, lambda: headset.status)
+    headset.page.evaluate(ENDS[end])
+    headset.until(HELD % "false")
+    headset.page.wait_for_timeout(200)
+    there = headset.served.goals()[GRIPPER]
+    headset.page.wait_for_timeout(400)
+    assert headset.served.goals()[GRIPPER] == there
+
+
+def test_hand_far_from_its_origin_moves_the_tip(headset):
+    headset.page.evaluate("controller.position.x += 30")
+    headset.page.wait_for_timeout(100)
+    squeeze(headset, 1)
+    headset.until(SAYS % "Moves with your hand")
 
 
 def test_upper_button_of_the_controller_stops_the_arm(headset):

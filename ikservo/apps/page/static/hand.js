@@ -9,6 +9,8 @@ const M_PER_PX = 0.0005; // motion of the hand for that of a finger
 const SIDES = { behind: 0, right: Math.PI / 2, facing: Math.PI, left: -Math.PI / 2 }; // where the user stands
 const SIDE_TEXTS = { behind: "Behind the arm", right: "Right of it", facing: "Facing it", left: "Left of it" };
 const BUZZ_MS = 25;
+const REST = { position: [0, 0, 0], rotation: [1, 0, 0, 0] };
+const FARTHEST_M = 10;
 const LATENCY_WEIGHT = 0.1;
 
 export class Hand {
@@ -21,6 +23,11 @@ export class Hand {
     this.side = "behind";
     this.turn = null; // rotation about the vertical from the source's axes to those of the arm, while held
     this.wasHeld = false;
+    this.presses = Date.now(); // number of the last press of any source; no other page has the same ones
+    this.spent = this.presses; // this press and earlier ones no longer close the clutch
+    this.finger = 0; // the press of the first finger
+    this.clutch = this.since = 0; // the press that holds, and when it began
+    this.origin = [0, 0, 0]; // position at which it began
     this.limit = "";
     this.latency = null;
     this.session = null;
@@ -55,19 +62,24 @@ export class Hand {
 
   async open() {
     this.place(true);
-    this.sendPose({ position: [0, 0, 0], rotation: [1, 0, 0, 0] }, false); // prepares the filter
+    this.sendPose(REST, false); // prepares the filter
     await globalThis.DeviceOrientationEvent?.requestPermission?.().catch(() => {}); // iPhones ask the user
   }
 
   close() {
     this.session?.end();
     this.release();
-    this.flush();
     this.place(false);
   }
 
+  // Opens the clutch at once; presses that have begun do not close it again.
   release() {
     this.fingers.clear();
+    this.spent = this.presses;
+    this.gamepads.handGrip = 0;
+    this.wasHeld = false;
+    $("hand-hold").toggleAttribute("data-held", false);
+    if (this.isOpen()) this.sendPose(REST, false);
   }
 
   scale() {
@@ -83,25 +95,36 @@ export class Hand {
   }
 
   async startSession() {
+    this.release();
     try {
       this.session = await HandSession.start({
+        press: () => this.newPress(),
         frame: (now, source) => this.onSessionFrame(now, source),
-        ended: () => { this.session = null; this.release(); this.flush(); },
+        lost: () => this.release(),
+        ended: () => { this.session = null; this.release(); },
       });
+      if (!this.isOpen()) this.session.end();
     } catch (error) {
       setText($("hand-state"), `AR cannot start here: ${error.message}`);
     }
   }
 
+  newPress() {
+    this.presses += 1;
+    return this.presses;
+  }
+
   onDown(event) {
     event.preventDefault();
     $("hand-hold").setPointerCapture(event.pointerId);
+    if (!this.fingers.size) this.finger = this.newPress();
     this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
   }
 
   onMove(event) {
     const before = this.fingers.get(event.pointerId);
     if (!before) return;
+    if (!event.buttons) { this.onUp(event); return; }
     const [right, down] = [event.clientX - before[0], event.clientY - before[1]];
     this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
     if (this.session) return; // the phone itself moves
@@ -122,34 +145,47 @@ export class Hand {
     if (!this.wasHeld) this.forward = heading(this.sensor);
     const [right, up, ahead] = this.touched;
     const position = turnAboutZ([ahead, -right, up], this.forward);
-    this.hold({ position, rotation: this.sensor }, this.fingers.size > 0, this.forward);
+    this.hold({ position, rotation: this.sensor }, this.fingerPress(), this.forward);
   }
 
-  // source: its pose (null while tracking is lost), the heading of the user, and the pressed buttons.
+  fingerPress() {
+    return this.fingers.size ? this.finger : 0;
+  }
+
+  // source: its pose (null while tracking is lost), the heading of the user, its press, and the pressed buttons.
   onSessionFrame(now, source) {
-    this.pulse = source.pulse;
-    const held = source.pose !== null && (source.held ?? this.fingers.size > 0);
-    this.hold(source.pose, held, source.heading);
-    if (source.grip !== undefined) this.gamepads.buttonGrip = source.grip;
     if (source.stops) this.stop();
+    if (this.isOpen()) {
+      this.pulse = source.pulse;
+      this.hold(source.pose, source.press ?? this.fingerPress(), source.heading);
+      this.gamepads.handGrip = source.pose ? source.grip ?? 0 : 0;
+    }
     this.draw(now);
   }
 
-  // At the beginning, "forward" of the user becomes that of the arm, seen from the chosen side.
-  hold(pose, held, forward) {
-    if (held && !this.wasHeld) this.turn = SIDES[this.side] - forward;
-    if (held) this.sendPose({ position: turnAboutZ(pose.position, this.turn), rotation: multiply(yaw(this.turn), pose.rotation) }, true);
-    else if (this.wasHeld) this.sendPose({ position: [0, 0, 0], rotation: [1, 0, 0, 0] }, false);
-    this.wasHeld = held;
-    $("hand-hold").toggleAttribute("data-held", held);
+  // press: number of the press that holds; 0 for none. At its beginning, "forward" of the user becomes that of
+  // the arm, seen from the chosen side.
+  hold(pose, press, forward) {
+    if (this.wasHeld && (!pose || press !== this.clutch)) this.release();
+    if (press && press <= this.spent) setText($("hand-state"), "Let go first, then hold to move");
+    if (!pose || press <= this.spent) return;
+    if (!this.wasHeld) {
+      Object.assign(this, { wasHeld: true, clutch: press, since: performance.now(), origin: pose.position, turn: SIDES[this.side] - forward });
+      $("hand-hold").toggleAttribute("data-held", true);
+    }
+    const moved = pose.position.map((at, i) => at - this.origin[i]);
+    this.sendPose({ position: turnAboutZ(moved, this.turn), rotation: multiply(yaw(this.turn), pose.rotation) }, true);
   }
 
   sendPose({ position, rotation }, held) {
-    this.send("track_hand", { position, rotation, held, scale: this.scale(), stamp: performance.now() });
+    const within = (values, most) => values.map((value) => Math.max(-most, Math.min(most, value)));
+    const pose = { position: within(position, FARTHEST_M), rotation: within(rotation, 1) };
+    this.send("track_hand", { ...pose, held, clutch: this.clutch, scale: this.scale(), stamp: performance.now() });
   }
 
   // The server's answer, once the arm has had a pose.
   show({ stamp, held, limit }) {
+    if (this.wasHeld && !held && stamp >= this.since) this.release(); // the server has opened the clutch
     const took = performance.now() - stamp;
     this.latency = this.latency === null ? took : this.latency + LATENCY_WEIGHT * (took - this.latency);
     if (limit && !this.limit) this.buzz();

@@ -9,17 +9,25 @@ const LOWER_BUTTON = 4;
 const UPPER_BUTTON = 5;
 
 export class HandSession {
-  // handlers: frame(now, source) in every frame, ended().
+  // handlers: press() numbers a press; frame(now, source) in every frame; lost() when the hand must let go; ended().
   static async start(handlers) {
     const session = await navigator.xr.requestSession("immersive-ar", { optionalFeatures: ["dom-overlay", "local-floor"], domOverlay: { root: document.body } });
-    const gl = document.createElement("canvas").getContext("webgl", { xrCompatible: true });
-    await session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
-    return new HandSession(session, gl, await session.requestReferenceSpace("local"), handlers);
+    try {
+      const gl = document.createElement("canvas").getContext("webgl", { xrCompatible: true });
+      await session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
+      return new HandSession(session, gl, await session.requestReferenceSpace("local"), handlers);
+    } catch (error) {
+      session.end().catch(() => {});
+      throw error;
+    }
   }
 
   constructor(session, gl, space, handlers) {
     Object.assign(this, { session, gl, space, handlers });
     this.handed = null; // the controller that was squeezed last
+    this.presses = new Map(); // by controller: the number of its squeeze, 0 while it is open
+    session.addEventListener("visibilitychange", () => session.visibilityState !== "visible" && handlers.lost());
+    space.addEventListener("reset", () => handlers.lost());
     session.addEventListener("end", () => {
       document.body.removeAttribute("data-xr");
       handlers.ended();
@@ -29,7 +37,7 @@ export class HandSession {
   }
 
   end() {
-    this.session.end();
+    this.session.end().catch(() => {}); // it may have ended already
   }
 
   onFrame(now, frame) {
@@ -41,7 +49,10 @@ export class HandSession {
     const isShown = session.visibilityState === "visible";
     const viewer = readPose(frame.getViewerPose(space));
     const controllers = [...session.inputSources].filter((source) => source.gripSpace && source.gamepad);
-    const squeezed = (source) => Boolean(source.gamepad.buttons[SQUEEZE]?.pressed);
+    const squeezed = ({ gamepad }) => Boolean(gamepad.buttons[SQUEEZE]?.pressed);
+    // A controller that is squeezed when it appears must be let go first: -1.
+    const press = (source) => squeezed(source) ? (this.presses.get(source) ?? -1) || this.handlers.press() : 0;
+    this.presses = new Map(controllers.map((source) => [source, press(source)]));
     this.handed = controllers.find((source) => source === this.handed && squeezed(source)) ?? controllers.find(squeezed) ?? controllers.find((source) => source === this.handed) ?? null;
     if (!controllers.length) return this.handlers.frame(now, { pose: isShown ? viewer : null, heading: viewer ? heading(viewer.rotation) : 0 });
     const source = this.handed ?? controllers[0];
@@ -49,7 +60,7 @@ export class HandSession {
     const pressed = (button, { gamepad } = source) => Number(gamepad.buttons[button]?.value ?? 0);
     this.handlers.frame(now, {
       pose,
-      held: squeezed(source),
+      press: this.presses.get(source),
       heading: viewer ? heading(viewer.rotation) : 0,
       grip: pressed(TRIGGER) - pressed(LOWER_BUTTON),
       stops: controllers.some((each) => pressed(UPPER_BUTTON, each) > 0),
