@@ -80,7 +80,7 @@ class TrackedPose:
     opening: float | None = None
 
     def __post_init__(self) -> None:
-        T = finite_array(self.pose, (4, 4), "The tracked pose").copy()
+        T = finite_array(self.pose, (4, 4), "The tracked pose")
         R = T[:3, :3]
         if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_ERROR or np.linalg.det(R) < 0.0:
             raise BadValueError(
@@ -89,7 +89,8 @@ class TrackedPose:
         check_flag("held", self.held)
         if self.opening is not None and not 0.0 <= parse_number("opening", self.opening) <= 1.0:
             raise BadValueError("opening", shown(self.opening), "a number from 0 to 1")
-        object.__setattr__(self, "pose", T)
+        u, _, vt = np.linalg.svd(R)  # the nearest rotation: a source rounds its numbers
+        object.__setattr__(self, "pose", make_pose(T[:3, 3], u @ vt))
         freeze_arrays(self)
 
     @property

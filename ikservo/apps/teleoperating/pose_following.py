@@ -21,6 +21,7 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, MotionProgress, OnProgress
 
 JERK_FACTOR = 8.0
+_LEAD_FRACTION = 0.06  # largest lead of a blocked gripper, as a fraction of its range
 
 
 def follow_pose(
@@ -79,12 +80,13 @@ class _PoseGoals:
         axis = tool_frame(context.model).approach_axis
         limits = [self._limits[column] for column in self._index.chain]
         self._filter = PoseFilter(context.chain, axis, limits, scale)
-        self._goal: Vector = np.zeros(0)
+        self._goal = self._measured = np.zeros(0)
         self._opening: float | None = None
         self.ended, self.unreached = "", 0
 
     def on_progress(self, progress: MotionProgress) -> None:
-        """Take the joints at which the arm starts."""
+        """Take the measured joints, and at first those at which the arm starts."""
+        self._measured = progress.joints_rad
         if not len(self._goal):
             self._goal = progress.setpoints_rad.copy()
         if self._report:
@@ -103,7 +105,7 @@ class _PoseGoals:
             tracked = item if item is None or isinstance(item, TrackedPose) else TrackedPose(item)
             before_s, cycle_s = cycle_s, self._context.now_s()
             if tracked is not None:
-                newest_s, self._opening = cycle_s, tracked.opening
+                newest_s, self._opening = cycle_s, tracked.opening if tracked.held else None
             elif cycle_s - newest_s > DEAD_MAN_TIMEOUT_S:
                 self.ended = f"no pose for {DEAD_MAN_TIMEOUT_S} s"
                 return
@@ -114,11 +116,15 @@ class _PoseGoals:
             yield self._index.by_name(self._goal)
 
     def _move_gripper(self, elapsed_s: float) -> None:
-        """Move the goal of the gripper to its wanted opening, as far as its speed allows."""
+        """Move the goal of the gripper to its wanted opening, as far as speed and grip allow."""
         gripper = self._context.model.gripper
         if gripper is None or self._opening is None:
             return
         column = self._index.column(gripper.joint)
-        wanted = gripper.closed + self._opening * (gripper.open - gripper.closed)
+        lower, upper = self._context.limits()
+        travel, at = gripper.open - gripper.closed, self._measured[column]
+        wanted = min(max(gripper.closed + self._opening * travel, lower[column]), upper[column])
+        ahead = abs(travel) * _LEAD_FRACTION
+        wanted = min(max(wanted, at - ahead), at + ahead)
         most = self._limits[column].speed_rad_s * elapsed_s
         self._goal[column] += min(max(wanted - self._goal[column], -most), most)

@@ -12,7 +12,7 @@ from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics.se3 import exp_so3
 from tests.apps.teleoperating.hands import AWAY_M, Hand, sampled
 from tests.arm.audit import Auditor
-from tests.arm.simulated import motion_limits, registers, true_joints
+from tests.arm.simulated import line_of, motion_limits, registers, servo_id, true_joints
 from tests.journeys.command_arguments import usual_target_m
 from tests.oracle import tip_from_joints
 
@@ -244,6 +244,23 @@ def test_gripper_follows_its_opening_at_its_own_speed(session):
     session.check()
     gripper = session.arm.model.gripper
     assert true_joints(session.arm)[gripper.joint] == pytest.approx(gripper.open, abs=0.06)
+
+
+@pytest.mark.parametrize("session", ["so101"], indirect=True)
+def test_gripper_rests_while_the_clutch_is_open(session):
+    before = true_joints(session.arm)[session.arm.model.gripper.joint]
+    session.follow(lambda _: at((0.0, 0.0, 0.0), held=False, opening=1.0), 1.0)
+    after = true_joints(session.arm)[session.arm.model.gripper.joint]
+    assert after == pytest.approx(before, abs=0.02)
+
+
+@pytest.mark.parametrize("session", ["so101"], indirect=True)
+def test_goal_of_a_blocked_gripper_leads_it_a_little(session):
+    gripper, arm = session.arm.model.gripper, session.arm
+    line_of(arm).servos[servo_id(session.name, gripper.joint)].motor.stuck = True
+    session.follow(lambda _: at((0.0, 0.0, 0.0), opening=1.0), 1.5)
+    lead = abs(session.reference[-1] - session.joints[-1])[arm.joint_index.column(gripper.joint)]
+    assert lead < 0.1 * abs(gripper.open - gripper.closed)
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)

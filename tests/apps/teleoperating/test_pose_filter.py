@@ -269,6 +269,18 @@ def test_invalid_tracked_pose_is_refused(pose):
         TrackedPose(pose)
 
 
+@every_arm
+def test_rounded_rotation_of_a_source_is_followed(name):
+    follower = Follower(name)
+    before = follower.tip()
+    rounded = hand_at((0.0, 0.01, 0.0), (0.0, 0.1, 0.0))
+    rounded[:3, :3] += 4e-4 * np.random.default_rng(1).uniform(-1.0, 1.0, (3, 3))
+    follower.hold(hand_at(), 2).hold(rounded, 100)
+    np.testing.assert_allclose(follower.tip()[:3, 3] - before[:3, 3], (0.0, 0.01, 0.0), atol=2e-3)
+    R = TrackedPose(rounded).matrix[:3, :3]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+
+
 @pytest.mark.parametrize("scale", [0.0, 0.2, 2.1, math.nan, "1"])
 def test_scale_out_of_its_range_is_refused(scale):
     with pytest.raises(BadValueError):
