@@ -21,6 +21,7 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, MotionProgress, OnProgress
 
 JERK_FACTOR = 8.0
+_SLOW_S = 1.0  # after torque has come on, because the goals of a hand are always near
 _LEAD_FRACTION = 0.06  # largest lead of a blocked gripper, as a fraction of its range
 
 
@@ -52,7 +53,7 @@ def follow_pose(
     own = require_own_port(arm)
     source = _PoseGoals(own.context, iter(poses), scale, speed, on_progress)
     result = follow_targets(
-        own, source.goals(), speed, source.on_progress, source.on_refused, JERK_FACTOR
+        own, source.goals(), speed, source.on_progress, source.on_refused, JERK_FACTOR, _SLOW_S
     )
     ended = source.ended or result.ended.replace("target", "pose")
     return replace(result, ended=ended, unreached=source.unreached)

@@ -246,6 +246,24 @@ def test_gripper_follows_its_opening_at_its_own_speed(session):
     assert true_joints(session.arm)[gripper.joint] == pytest.approx(gripper.open, abs=0.06)
 
 
+def test_first_second_after_torque_on_is_slow():
+    def tracked(time_s):
+        aside_m = np.interp(time_s, (0.0, 0.3, 1.6, 2.0), (0.0, 0.06, 0.06, -0.04))
+        return at((0.0, aside_m, 0.0))
+
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        rows, slow = [], np.array([m.speed_rad_s for m in motion_limits(arm, "slow")])
+        arm.follow_pose(
+            sampled(arm.clock, RATE_HZ, 2.0, tracked),
+            speed="fast",
+            on_progress=lambda at: rows.append((at.elapsed_s, *at.setpoints_rad)),
+        )
+    times_s, speeds = np.array(rows)[1:, 0], np.diff(np.array(rows), axis=0)
+    speeds = np.abs(speeds[:, 1:]) / speeds[:, :1]
+    assert (speeds[times_s < 0.95] <= 1.05 * slow).all()
+    assert (speeds[times_s > 1.5] > 1.05 * slow).any()
+
+
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
 def test_gripper_rests_while_the_clutch_is_open(session):
     before = true_joints(session.arm)[session.arm.model.gripper.joint]
