@@ -132,6 +132,11 @@ def test_second_finger_on_a_phone_moves_the_tip_forward(phone):
         send("touchMove", (x - 60, y), (x + 60, y + 40 - 6 * k))
         phone.page.wait_for_timeout(30)
     phone.until_near(phone.served.tip_m, before_m + np.array([60 * PX_M, 0.0, 0.0]), NEAR_MM)
+    for k in range(11):  # both slide to the left
+        send("touchMove", (x - 60 - 6 * k, y), (x + 60 - 6 * k, y - 20))
+        phone.page.wait_for_timeout(30)
+    there_m = before_m + np.array([60 * PX_M, 60 * PX_M, 0.0])
+    phone.until_near(phone.served.tip_m, there_m, NEAR_MM)
     send("touchEnd")
     phone.until(HELD % "false")
     for scheme in ("light", "dark"):
@@ -170,6 +175,43 @@ def test_gyroscope_turns_the_tool_while_its_tip_stays(live):
     joints = live.served.joints()
     pitch = sum(joints[n] - before[n] for n in ("shoulder_lift", "elbow_flex", "wrist_flex"))
     assert abs(pitch) == pytest.approx(np.radians(15.0), abs=0.05)
+
+
+ORIENT = """(angle) => {
+  Object.defineProperty(screen.orientation, "angle", { configurable: true, get: () => angle });
+  screen.orientation.dispatchEvent(new Event("change"));
+}"""
+EVENT = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: %s, beta: %s, gamma: %s}))"
+
+
+@OWN
+def test_phone_held_sideways_pitches_the_tool(live):
+    before = live.served.joints()
+    opened(live)
+    live.page.evaluate(ORIENT, 90)
+    live.page.evaluate(EVENT % (0, 0, -90))
+    grab(live)
+    for gamma in np.linspace(-90.0, -75.0, 20):
+        live.page.evaluate(EVENT % (0, 0, gamma))
+        live.page.wait_for_timeout(30)
+    live.page.wait_for_timeout(500)
+    joints = live.served.joints()
+    pitch = sum(joints[n] - before[n] for n in ("shoulder_lift", "elbow_flex", "wrist_flex"))
+    assert abs(pitch) == pytest.approx(np.radians(15.0), abs=0.05)
+    assert abs(joints["wrist_roll"] - before["wrist_roll"]) < 0.05
+    live.page.evaluate(ORIENT, 0)
+    live.until(HELD % "false")
+    live.release()
+
+
+def test_phone_that_points_straight_up_does_not_take_hold(live):
+    opened(live)
+    live.page.evaluate(EVENT % (0, 135, 0))
+    live.page.mouse.move(*middle_px(live))
+    live.page.mouse.down()
+    live.until(SAYS % "too steeply")
+    assert live.page.evaluate(HELD % "false")
+    live.release()
 
 
 def move_controller(operator, shift_m, count=40):

@@ -44,8 +44,9 @@ export class Hand {
     for (const refused of ["contextmenu", "beforexrselect", "touchstart"]) pad.addEventListener(refused, (event) => event.preventDefault(), { passive: false });
     document.addEventListener("visibilitychange", () => document.hidden && this.release());
     addEventListener("deviceorientation", ({ alpha, beta, gamma }) => {
-      if (alpha !== null) this.sensor = fromAngles(alpha, beta, gamma);
+      if (alpha !== null) this.sensor = multiply(fromAngles(alpha, beta, gamma), yaw((-(screen.orientation?.angle ?? 0) * Math.PI) / 180));
     });
+    screen.orientation?.addEventListener("change", () => this.release());
     navigator.xr?.isSessionSupported("immersive-ar").then((can) => { $("hand-xr").hidden = !can; }, () => {});
     this.showSides();
     this.showScale();
@@ -126,11 +127,12 @@ export class Hand {
     if (!before) return;
     if (!event.buttons) { this.onUp(event); return; }
     const [right, down] = [event.clientX - before[0], event.clientY - before[1]];
+    const isFirst = event.pointerId === [...this.fingers.keys()][0];
     this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
     if (this.session) return; // the phone itself moves
-    this.touched[0] += right * M_PER_PX;
-    if (this.fingers.size === 1) this.touched[1] -= down * M_PER_PX;
-    else if (event.pointerId !== [...this.fingers.keys()][0]) this.touched[2] -= down * M_PER_PX;
+    if (isFirst) this.touched[0] += right * M_PER_PX;
+    if (!isFirst) this.touched[2] -= down * M_PER_PX;
+    else if (this.fingers.size === 1) this.touched[1] -= down * M_PER_PX;
   }
 
   onUp(event) {
@@ -169,6 +171,10 @@ export class Hand {
     if (this.wasHeld && (!pose || press !== this.clutch)) this.release();
     if (press && press <= this.spent) setText($("hand-state"), "Let go first, then hold to move");
     if (!pose || press <= this.spent) return;
+    if (!this.wasHeld && forward === null) {
+      setText($("hand-state"), "It points too steeply up or down to know where forward is");
+      return;
+    }
     if (!this.wasHeld) {
       Object.assign(this, { wasHeld: true, clutch: press, since: performance.now(), origin: pose.position, turn: SIDES[this.side] - forward });
       $("hand-hold").toggleAttribute("data-held", true);

@@ -48,20 +48,21 @@ export class HandSession {
     gl.clear(gl.COLOR_BUFFER_BIT); // nothing is drawn over the real arm
     const isShown = session.visibilityState === "visible";
     const viewer = readPose(frame.getViewerPose(space));
+    const forward = viewer && heading(viewer.rotation);
     const controllers = [...session.inputSources].filter((source) => source.gripSpace && source.gamepad);
     const squeezed = ({ gamepad }) => Boolean(gamepad.buttons[SQUEEZE]?.pressed);
     // A controller that is squeezed when it appears must be let go first: -1.
     const press = (source) => squeezed(source) ? (this.presses.get(source) ?? -1) || this.handlers.press() : 0;
     this.presses = new Map(controllers.map((source) => [source, press(source)]));
     this.handed = controllers.find((source) => source === this.handed && squeezed(source)) ?? controllers.find(squeezed) ?? controllers.find((source) => source === this.handed) ?? null;
-    if (!controllers.length) return this.handlers.frame(now, { pose: isShown ? viewer : null, heading: viewer ? heading(viewer.rotation) : 0 });
+    if (!controllers.length) return this.handlers.frame(now, { pose: isShown ? viewer : null, heading: forward });
     const source = this.handed ?? controllers[0];
     const pose = isShown ? readPose(frame.getPose(source.gripSpace, space)) : null;
     const pressed = (button, { gamepad } = source) => Number(gamepad.buttons[button]?.value ?? 0);
     this.handlers.frame(now, {
       pose,
       press: this.presses.get(source),
-      heading: viewer ? heading(viewer.rotation) : 0,
+      heading: forward,
       grip: pressed(TRIGGER) - pressed(LOWER_BUTTON),
       stops: controllers.some((each) => pressed(UPPER_BUTTON, each) > 0),
       pulse: (ms) => source.gamepad.hapticActuators?.[0]?.pulse(0.6, ms),

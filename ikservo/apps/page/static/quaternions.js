@@ -1,5 +1,7 @@
 // Rotations as quaternions w, x, y, z; z is upwards.
 
+const LEVEL = 0.25; // shortest horizontal part of a direction of length √2 that has a heading
+
 export function multiply([a, b, c, d], [w, x, y, z]) {
   return [
     a * w - b * x - c * y - d * z,
@@ -26,9 +28,9 @@ export function fromAngles(alpha, beta, gamma) {
 }
 
 // The direction in which a device points, from x towards y: between its back and its upper edge, so
-// that it may be upright or flat.
+// that it may be upright or flat; null if that is too steep.
 export function heading(rotation) {
   const [w, x, y, z] = rotation;
   const turned = multiply(multiply(rotation, [0, 0, 1, -1]), [w, -x, -y, -z]);
-  return Math.atan2(turned[2], turned[1]);
+  return Math.hypot(turned[1], turned[2]) < LEVEL ? null : Math.atan2(turned[2], turned[1]);
 }
