@@ -189,8 +189,7 @@ class _OnlineController:
         except RefusedError as error:
             self._source.on_rejected(error, trajectory.goal)
         else:
-            self._accepted, since_s = goal, self._moves_since_s
-            self._moves_since_s = min(since_s, cycle.time_s)
+            self._accepted, self._moves_since_s = goal, min(self._moves_since_s, cycle.time_s)
 
     def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
         goal = trajectory.goal

@@ -181,7 +181,8 @@ ORIENT = """(angle) => {
   Object.defineProperty(screen.orientation, "angle", { configurable: true, get: () => angle });
   screen.orientation.dispatchEvent(new Event("change"));
 }"""
-EVENT = "dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: %s, beta: %s, gamma: %s}))"
+EVENT = """dispatchEvent(new DeviceOrientationEvent(
+  "deviceorientation", { alpha: %s, beta: %s, gamma: %s }))"""
 
 
 @OWN

@@ -32,7 +32,7 @@ SMALLEST_SCALE, LARGEST_SCALE = 0.25, 2.0
 
 _ROTATION_ERROR = 1e-3  # largest deviation of R Rᵀ from the identity
 # A hand is slower than this, so a larger change between two poses is an error of the tracker.
-_JUMP_M, _JUMP_M_S = 0.05, 3.0
+_JUMP_M, _JUMP_M_S = 0.02, 3.0
 _JUMP_RAD, _JUMP_RAD_S = 0.5, 10.0
 # Orientations that are further away than this are not followed: the shortest way to them may
 # change to the other side.
@@ -158,10 +158,10 @@ class PoseFilter:
     motion of the hand relative to them, so nothing moves at that moment. A pose that a hand cannot
     have reached since the last one is an error of the tracker: the references are latched again.
 
-    The position comes first. Arms with four or five joints can turn their tool only within the
-    plane of the arm: the direction of the tool is the wanted one, projected to this plane, and the
-    roll about it is that of the hand (swing and twist). The goal never moves faster than the
-    joints, and more slowly near singular postures.
+    Position and orientation are weighted: 1 mm counts like 6°. Arms with four or five joints can
+    turn their tool only within the plane of the arm: the direction of the tool is the wanted one,
+    projected to this plane, and the roll about it is that of the hand (swing and twist). The goal
+    never moves faster than the joints, and more slowly near singular postures.
 
     Args:
         chain: The arm, with its own limits.
@@ -341,7 +341,7 @@ class PoseFilter:
             step = step / excess
             self.limit = self.limit or ("singular" if slowing < 1.0 else "speed")
         if solved.binding and not solved.reached:
-            self.limit = solved.binding[0].joint
+            self.limit = f"{solved.binding[0].joint} at its limit"
         elif self.is_out_of_reach:
             self.limit = "reach"
         return self._chain.clip(q + step)

@@ -30,15 +30,16 @@ def follow_pose(
     poses: Iterable[TrackedPose | ArrayLike | None],
     *,
     scale: float = 1.0,
-    speed: str = "fast",
+    speed: str = "normal",
     on_progress: OnProgress | None = None,
 ) -> FollowResult:
     """Move the tool as a tracked hand moves, relative to where both were at the beginning.
 
     Each control cycle takes the next item: a ``TrackedPose``, a pose (4, 4) of the hand, or None
-    for nothing new. The position comes first, then the direction of the tool, then the roll about
-    it; what the arm cannot follow is left out. A pose that a hand cannot have reached since the
-    last one moves nothing. Without poses the goal stays; after 0.3 s, following ends.
+    for nothing new. Position and turn of the tool are weighted, 1 mm like 6°; of the turn, the
+    direction of the tool comes before the roll about it. What the arm cannot follow is left out.
+    A pose that a hand cannot have reached since the last one moves nothing. Without poses the goal
+    stays; after 0.3 s, following ends.
 
     ``scale`` is the motion of the tip for that of the hand, 0.25 to 2; ``speed`` is the speed
     class; ``on_progress`` is called with a ``MotionProgress`` in every cycle.

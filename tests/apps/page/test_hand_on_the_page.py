@@ -179,7 +179,7 @@ def lose_control(session):
 @pytest.mark.parametrize(
     "release", [pause, silence, stop_and_acknowledge, press_while_stopped, undo, go_to_pose]
 )
-def test_clutch_opened_by_the_server_closes_only_with_a_new_press(session, release):
+def test_clutch_that_the_server_opened_needs_a_new_press(session, release):
     assert moved_by(session, clutch=1) > 0.01
     release(session)
     assert moved_by(session, clutch=1) == pytest.approx(0.0, abs=1e-6)

@@ -69,6 +69,7 @@ class Session:
             rows.append((clock.now_s(), progress.setpoints_rad, [*joints.values()], tip_m))
 
         poses = sampled(clock, rate_hz, duration_s, timed)
+        options = {"speed": "fast", **options}
         result = self.arm.follow_pose(poses, on_progress=record, **options)
         times_s, self.reference, self.joints, self.tip_m = map(np.array, zip(*rows, strict=True))
         self.time_s = times_s - start_s[0]

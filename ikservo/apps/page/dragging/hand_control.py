@@ -12,12 +12,12 @@ from ikservo.apps.page.dragging.snapshot import ArmSnapshot, GoalRefusal
 from ikservo.apps.page.dragging.target_marker import TargetMarker
 from ikservo.apps.page.messages.page_messages import TrackHand
 from ikservo.arm import Arm
-from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import make_pose, quaternion_to_matrix
 from ikservo.model.tool import tool_frame
 
 _SHOWN_GAP_M = 0.005  # a target that is further away from the goal is marked
+_MAX_SILENCE_S = 0.3
 _LET_GO = "let go first"
 _MAX_REMEMBERED = 64
 
@@ -39,7 +39,7 @@ class HandControl:
     def __init__(self, arm: Arm) -> None:
         self._arm, self.spent = arm, deque[int](maxlen=_MAX_REMEMBERED)
         self._clutch: int | None = None  # the press that holds it closed
-        self._heard_s = 0.0
+        self._newest_s = 0.0
         self._filter: Any = None  # of an app that may be missing
         self._speed = ""
         self._refusal: GoalRefusal | None = None
@@ -72,7 +72,7 @@ class HandControl:
 
     def expire(self, now_s: float) -> None:
         """Open the clutch if the page has been silent."""
-        if self.is_held and now_s - self._heard_s > DEAD_MAN_TIMEOUT_S:
+        if self.is_held and now_s - self._newest_s > _MAX_SILENCE_S:
             self.release()
 
     def is_new(self, message: TrackHand) -> bool:
@@ -106,7 +106,7 @@ class HandControl:
             goal = refusal.kept if is_new or refusal.goal is goal else goal
             if is_new:
                 pose_filter.on_rejected(refusal.pair, index.chain_joints(refusal.kept))
-        self._refusal, self._clutch, self._heard_s = refusal, message.clutch, now_s
+        self._refusal, self._clutch, self._newest_s = refusal, message.clutch, now_s
         q = pose_filter.step(tracked, index.chain_joints(goal), now_s)
         self.limit = pose_filter.limit
         if pose_filter.wanted is None:

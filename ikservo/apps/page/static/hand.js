@@ -25,9 +25,8 @@ export class Hand {
     this.wasHeld = false;
     this.presses = Date.now(); // number of the last press of any source; no other page has the same ones
     this.spent = this.presses; // this press and earlier ones no longer close the clutch
-    this.finger = 0; // the press of the first finger
+    this.finger = 0; // the press of the first finger; 0 for none
     this.clutch = this.since = 0; // the press that holds, and when it began
-    this.origin = [0, 0, 0]; // position at which it began
     this.limit = "";
     this.latency = null;
     this.session = null;
@@ -77,7 +76,7 @@ export class Hand {
   release() {
     this.fingers.clear();
     this.spent = this.presses;
-    this.gamepads.handGrip = 0;
+    this.finger = this.gamepads.handGrip = 0;
     this.wasHeld = false;
     $("hand-hold").toggleAttribute("data-held", false);
     if (this.isOpen()) this.sendPose(REST, false);
@@ -99,7 +98,7 @@ export class Hand {
     this.release();
     try {
       this.session = await HandSession.start({
-        press: () => this.newPress(),
+        press: () => { this.presses += 1; return this.presses; },
         frame: (now, source) => this.onSessionFrame(now, source),
         lost: () => this.release(),
         ended: () => { this.session = null; this.release(); },
@@ -110,15 +109,10 @@ export class Hand {
     }
   }
 
-  newPress() {
-    this.presses += 1;
-    return this.presses;
-  }
-
   onDown(event) {
     event.preventDefault();
     $("hand-hold").setPointerCapture(event.pointerId);
-    if (!this.fingers.size) this.finger = this.newPress();
+    if (!this.fingers.size) this.finger = this.presses += 1;
     this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
   }
 
@@ -147,11 +141,7 @@ export class Hand {
     if (!this.wasHeld) this.forward = heading(this.sensor);
     const [right, up, ahead] = this.touched;
     const position = turnAboutZ([ahead, -right, up], this.forward);
-    this.hold({ position, rotation: this.sensor }, this.fingerPress(), this.forward);
-  }
-
-  fingerPress() {
-    return this.fingers.size ? this.finger : 0;
+    this.hold({ position, rotation: this.sensor }, this.finger, this.forward);
   }
 
   // source: its pose (null while tracking is lost), the heading of the user, its press, and the pressed buttons.
@@ -159,7 +149,7 @@ export class Hand {
     if (source.stops) this.stop();
     if (this.isOpen()) {
       this.pulse = source.pulse;
-      this.hold(source.pose, source.press ?? this.fingerPress(), source.heading);
+      this.hold(source.pose, source.press ?? this.finger, source.heading);
       this.gamepads.handGrip = source.pose ? source.grip ?? 0 : 0;
     }
     this.draw(now);
@@ -169,12 +159,10 @@ export class Hand {
   // the arm, seen from the chosen side.
   hold(pose, press, forward) {
     if (this.wasHeld && (!pose || press !== this.clutch)) this.release();
-    if (press && press <= this.spent) setText($("hand-state"), "Let go first, then hold to move");
-    if (!pose || press <= this.spent) return;
-    if (!this.wasHeld && forward === null) {
-      setText($("hand-state"), "It points too steeply up or down to know where forward is");
-      return;
-    }
+    let refused = press <= this.spent ? "Let go first, then hold to move" : "";
+    if (!this.wasHeld && forward === null) refused ||= "It points too steeply up or down to know where forward is";
+    if (press && refused) setText($("hand-state"), refused);
+    if (!pose || !press || refused) return;
     if (!this.wasHeld) {
       Object.assign(this, { wasHeld: true, clutch: press, since: performance.now(), origin: pose.position, turn: SIDES[this.side] - forward });
       $("hand-hold").toggleAttribute("data-held", true);
