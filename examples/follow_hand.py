@@ -17,6 +17,7 @@ def hand_poses(clock, duration_s):
 
 
 with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+    arm.move_joints(arm.model.pose("home"))  # the first motion after torque comes on is slow
     start_m = arm.where().tip_m
     result = arm.follow_pose(hand_poses(arm.clock, 2.0), scale=1.0)
     moved_mm = 1000.0 * (result.measured_tip_m - start_m)
