@@ -27,6 +27,12 @@ window.controller = device.controllers.right;
 controller.position.set(0.1, 1.2, -0.3);
 window.isGuessed = false; // the emulator says so of all positions
 Object.defineProperty(XRPose.prototype, "emulatedPosition", { get: () => isGuessed });
+const request = XRSession.prototype.requestReferenceSpace;
+XRSession.prototype.requestReferenceSpace = async function (kind) {
+  const space = await request.call(this, kind);
+  if (kind === "local") window.localSpace = space;
+  return space;
+};
 """
 LATENCY_S = 0.060  # median, from a pose to a register, on a machine that is not overloaded
 PX_M = 0.0005
@@ -80,10 +86,11 @@ def middle_px(live):
 
 def grab(live, move_px=(0, 0), steps=20):
     """Press the field, slide and keep holding."""
-    live.page.mouse.move(*middle_px(live))
+    start_px = middle_px(live)  # once, since the field moves when a text appears above it
+    live.page.mouse.move(*start_px)
     live.page.mouse.down()
     live.until(HELD % "true")
-    live.page.mouse.move(*(middle_px(live) + move_px), steps=steps)
+    live.page.mouse.move(*(start_px + move_px), steps=steps)
 
 
 def test_finger_sliding_on_the_field_moves_the_tip(live):
@@ -98,6 +105,14 @@ def test_finger_sliding_on_the_field_moves_the_tip(live):
     grab(live)  # closing the clutch elsewhere
     live.until_still()
     assert apart_mm(live.served.tip_m(), there_m) < 3.0
+    live.release()
+
+
+def test_finger_that_was_lifted_unnoticed_lets_go(live):
+    grab(opened(live))
+    move = "new PointerEvent('pointermove', { pointerId: 1, buttons: 0 })"
+    live.page.evaluate(f"document.getElementById('hand-hold').dispatchEvent({move})")
+    live.until(HELD % "false")
     live.release()
 
 
@@ -301,6 +316,22 @@ def test_squeeze_after_lost_tracking_must_be_repeated(headset):
     headset.page.evaluate("isGuessed = false")
     headset.until(SAYS % "Let go first")
     press_again(headset)
+
+
+def test_squeeze_while_the_space_is_recentred_must_be_repeated(headset):
+    squeeze(headset, 1)
+    headset.page.evaluate("localSpace.dispatchEvent(new Event('reset'))")
+    headset.until(HELD % "false")
+    headset.until(SAYS % "Let go first")
+
+
+def test_session_that_cannot_draw_is_ended(headset):
+    headset.page.evaluate("device.activeSession.end()")
+    headset.until("!document.body.hasAttribute('data-xr')")
+    headset.page.evaluate("void (window.XRWebGLLayer = class { constructor() { throw Error(); } })")
+    headset.page.click("#hand-xr")
+    headset.until(SAYS % "AR cannot start here")
+    headset.until("!device.activeSession")
 
 
 def test_squeeze_through_a_stop_must_be_repeated(headset):
