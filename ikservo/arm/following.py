@@ -48,6 +48,7 @@ def follow_goals(
     speed: str = "normal",
     jerk_factor: float = 1.0,
     settle_after_s: float = math.inf,
+    slow_s: float = 0.0,
     by_tip: Callable[[], bool] = lambda: False,
 ) -> Vector | None:
     """Follow joint goals that ``source`` gives in every control cycle, until the source ends.
@@ -60,6 +61,7 @@ def follow_goals(
             the largest speed and acceleration stay the same.
         settle_after_s: Time at the goal after which joints are corrected by their measured
             positions, as at the end of a motion; a new goal ends the correction.
+        slow_s: Shortest time for which the first motion is slow, for goals that are always near.
         by_tip: Returns whether the goal was computed for a target of the tip; see ``settle_at``.
 
     Returns:
@@ -76,6 +78,7 @@ def follow_goals(
         runner.return_within_limits()
         allowed = runner.allowed_speed(speed)
         controller = _OnlineController(context, source, speed, allowed, jerk_factor, settle_after_s)
+        controller.slow_s = slow_s
         runner.run(controller.start_trajectory, controller.on_cycle, speed)
         while controller.stands and controller.settled_goal is not None:
             goal, is_over = controller.settled_goal, controller.is_settling_over
@@ -109,6 +112,7 @@ class _OnlineController:
         settled_goal: See ``follow_goals``.
         stands: Whether the arm has been at its goal long enough to correct the joints.
         has_ended: Whether the source has ended.
+        slow_s: See ``follow_goals``.
     """
 
     def __init__(
@@ -122,11 +126,12 @@ class _OnlineController:
     ) -> None:
         self._context, self._source, self._speed, self._first = context, source, speed, allowed
         self._jerk_factor, self._settle_after_s = jerk_factor, settle_after_s
-        self.stands = self.has_ended = False
+        self.stands, self.has_ended, self.slow_s = False, False, 0.0
         self._limited = allowed != speed
         self._trajectory: OnlineTrajectory | None = None
         self._rest: Vector = np.zeros(0)
         self._requested: Vector = np.zeros(0)
+        self._moves_since_s = math.inf  # time of the first accepted goal
         self._accepted: Vector = np.zeros(0)  # the last requested goal that the guard accepted
         self.error: Exception | None = None
         self.settled_goal: Vector | None = None
@@ -135,7 +140,7 @@ class _OnlineController:
         lower, upper = self._context.limits()
         limits = self._motion_limits(self._first if self._limited else self._speed)
         self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
-        self._rest = start
+        self._rest, self._moves_since_s = start, math.inf
         if not self.stands:
             self._requested = start
         return self._trajectory
@@ -155,7 +160,7 @@ class _OnlineController:
             self.stands = cycle.time_s - trajectory.settles_at_s >= self._settle_after_s
             if self.stands:
                 self._stop_trajectory(trajectory, cycle.time_s)
-        if self._limited and len(self._accepted):
+        if self._limited and cycle.time_s - self._moves_since_s >= self.slow_s:
             remaining = np.abs(trajectory.goal - trajectory.state(cycle.time_s).position)
             if remaining.max() <= _TOLERANCE_RAD:
                 self._limited = False
@@ -184,7 +189,7 @@ class _OnlineController:
         except RefusedError as error:
             self._source.on_rejected(error, trajectory.goal)
         else:
-            self._accepted = goal
+            self._accepted, self._moves_since_s = goal, min(self._moves_since_s, cycle.time_s)
 
     def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
         goal = trajectory.goal
@@ -286,6 +291,8 @@ def follow_targets(
     speed: str,
     on_progress: OnProgress | None,
     on_refused: OnRefused | None = None,
+    jerk_factor: float = 1.0,
+    slow_s: float = 0.0,
 ) -> FollowResult:
     """Follow a stream of targets; see ``follow``. Each refusal is also reported at once."""
     context = arm.context
@@ -295,7 +302,7 @@ def follow_targets(
     started_s, warnings = context.now_s(), context.servos.warnings
     warnings.clear()
     with arm.runner.requested():
-        goal = follow_goals(arm, follower, speed=speed)
+        goal = follow_goals(arm, follower, speed=speed, jerk_factor=jerk_factor, slow_s=slow_s)
         if goal is None:
             measured = context.servos.measure_positions()
         else:

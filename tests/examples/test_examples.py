@@ -20,6 +20,7 @@ PRINTED = {  # the line that tells that it worked
     r"open: grasped False, the gripper is at 100°",
     "camera_pick": r"the red block is at \(2\d\d, \d+\) mm\ngrasped: True",
     "stream": r"150 goals sent, 0 refused",
+    "follow_hand": r"\d{3} goals, 0 refused, up by (39|40|41) mm",
     "several_arms": r"reached: True, [\d.]+ s\nreached: True, [\d.]+ s",
     "own_arm": r"reached: True, error 0\.000 mm\nmeasured error 0\.\d\d mm",
     "batch_ik": r"9\d % of the points can be reached",

@@ -88,6 +88,7 @@ class SessionController:
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
+        self._hand_stamp: tuple[float, float] | None = None  # its time of the page, and of this one
         self._numbers = itertools.count(1)
         # Only the client in control may send these; the pointer's messages are not in the table.
         self._control_handlers: dict[type, Handler] = {
@@ -105,6 +106,7 @@ class SessionController:
             msg.MarkTip: self._mark_tip,
             msg.Grasp: self._choose_grasp,
             msg.RunPanelMotion: self._run_panel_motion,
+            msg.TrackHand: self._track_hand,
             msg.ChooseCamera: self._choose_camera,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
@@ -155,6 +157,7 @@ class SessionController:
         frames += self._following.frames(client)
         frames += self._app_panels.frames(client, self._grasp.panels())
         frames += self._servos.frames(client)
+        frames += self._hand_frames() if in_control else []
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
 
@@ -270,6 +273,8 @@ class SessionController:
         """Handle a message that only the client in control may send; it counts as a heartbeat."""
         _check_may_control(client)
         if not self._lease.is_held_by(client.lease):
+            if isinstance(message, msg.TrackHand) and message.held:
+                self._interaction.hand.spend(message.clutch)
             raise BadMessageError("Another page is in control.", "Take control first.")
         self._update_after_session()
         self._lease.refresh(client.lease)
@@ -481,6 +486,26 @@ class SessionController:
         self._interaction.handle(message, context, snapshot, self._clock.now_s())
         self._move_thing()
 
+    def _track_hand(self, message: msg.TrackHand, _client: Client) -> None:
+        """Move the goal with the hand; an arm that accepts no targets opens the clutch."""
+        arm_thread, snapshot = self._arm_thread, self._arm_thread.snapshot
+        if snapshot.stop_notice or snapshot.calibration or arm_thread.job is not None:
+            self._interaction.hand.refuse(message)
+        else:
+            self._arm.context.require_zeros()
+            speed = arm_thread.command.speed
+            self._interaction.track_hand(message, snapshot, speed, self._clock.now_s())
+        self._hand_stamp = message.stamp, self._clock.now_s()
+
+    def _hand_frames(self) -> list[Frame]:
+        """Return what limits the hand, once the arm has been read after its last pose."""
+        if self._hand_stamp is None or self._arm_thread.snapshot.read_s <= self._hand_stamp[1]:
+            return []
+        (stamp, _), self._hand_stamp = self._hand_stamp, None
+        hand, refusal = self._interaction.hand, self._interaction.refusal
+        limit = hand.limit if refusal is None or not hand.is_held else refusal.reason
+        return [{"kind": "hand", "stamp": stamp, "held": hand.is_held, "limit": limit}]
+
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
         """Switch Live; the arm starts at its measured position, not at the goal of the preview."""
         arm_thread, on = self._arm_thread, message.on
@@ -512,7 +537,10 @@ class SessionController:
         if self._arm_thread.arm is not self._arm:  # its limits may have changed
             self._arm = self._arm_thread.arm
             self.close()
+            self._interaction.hand.release()
+            spent = self._interaction.hand.spent
             self._interaction = Interaction(self._arm, self._clock)
+            self._interaction.hand.spent = spent
             self._planner, self._grasp = GoalPlanner(self._arm), GraspOffer(self._arm_thread)
             self._things = self._things_panel()
             self._camera_view = self._find_camera_view()

@@ -25,6 +25,8 @@ WORDS = [
     {"kind": "wheel", "x": 480, "y": 300, "notches": 2, "alt": False},
     {"kind": "key", "key": "ArrowUp", "alt": False, "shift": False},
     {"kind": "orbit_camera", "dx": 10, "dy": -4, "zoom": 1.5, "at": [40, 50]},
+    {"kind": "track_hand", "position": [0, 0.1, 0], "rotation": [1, 0, 0, 0], "held": True,
+     "clutch": 3, "scale": 1, "stamp": 5},
     {"kind": "fit_view"}, {"kind": "undo", "redo": False},
     {"kind": "arm_action", "action": "execute"}, {"kind": "mark_tip", "x": 480, "y": 300},
     {"kind": "choose_camera", "camera": "left"},

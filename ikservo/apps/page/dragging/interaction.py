@@ -13,6 +13,7 @@ from ikservo.apps.page.dragging.drag_commands import DragCommand, DragTarget, Jo
 from ikservo.apps.page.dragging.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.apps.page.dragging.goal_history import GoalHistory, PastGoal
 from ikservo.apps.page.dragging.goal_planning import PlannedPath
+from ikservo.apps.page.dragging.hand_control import HandControl
 from ikservo.apps.page.dragging.held_controls import GamepadControl, gripper_control
 from ikservo.apps.page.dragging.labels import describe_target
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot, GoalRefusal, LogEntry
@@ -60,6 +61,7 @@ class Interaction:
         preference: The preferred posture.
         solver_trace: Iterations of a chosen method on the last click, to be drawn one by one.
         history: Earlier goals.
+        hand: The hand that moves the goal.
         messages: Messages about targets, the oldest first.
         revision: Changes whenever the scene has to be drawn again.
         resets: The number of times that the goal was dropped.
@@ -73,7 +75,7 @@ class Interaction:
         self._drag = Drag(chain, picker, Picker(thing_shapes(arm.scene.things)))
         self._tool_drag = ToolDrag(chain)
         self._solver, self._gamepad = DragSolver(chain), GamepadControl()
-        self._gripper = gripper_control(arm)
+        self._gripper, self.hand = gripper_control(arm), HandControl(arm)
         self._ranges, self._tool_targets = JointRanges(arm), ToolTargets(arm)
         self._command: DragCommand | None = None
         self.solver_trace: SolverTrace | None = None
@@ -113,7 +115,7 @@ class Interaction:
     @property
     def is_choosing(self) -> bool:
         """Whether the goal is still being chosen: dragged, or solved for."""
-        return self._is_dragging or self._command is not None
+        return self._is_dragging or self._command is not None or self.hand.is_held
 
     @property
     def picked_object(self) -> str | None:
@@ -140,6 +142,7 @@ class Interaction:
     def reset(self) -> None:
         """Cancel the drag and drop the goal: the arm holds."""
         self._end_drag()
+        self.hand.release()
         self._command = self.goal = self.marker = self.path = self.solver_trace = None
         self.revision += 1
         self.resets += 1
@@ -269,8 +272,9 @@ class Interaction:
         self._restore(self.history.redo(self._present_goal(snapshot)))
 
     def finish_target(self) -> None:
-        """End a drag and its solver; the goal stays as shown."""
+        """End a drag and its solver, and open the hand's clutch; the goal stays as shown."""
         self._end_drag()
+        self.hand.release()
         self._command = None
 
     def _end_drag(self) -> None:
@@ -334,8 +338,29 @@ class Interaction:
         self._command, self.solver_trace = command, None
         self._solve_pending(snapshot, now_s)
 
+    def track_hand(
+        self, message: msg.TrackHand, snapshot: ArmSnapshot, speed: str, now_s: float
+    ) -> None:
+        """Move the goal with the hand, which ends a drag.
+
+        Raises:
+            InputError: The pose is invalid.
+        """
+        was_held = self.hand.is_held
+        self.hand.expire(now_s)
+        if self.hand.is_new(message):
+            self._record_goal(snapshot, "")
+            self.finish_target()
+        goal = self._goal_or_rest(snapshot)
+        goal, marker = self.hand.next_goal(message, goal, snapshot, speed, now_s)
+        if marker is not None:
+            self.goal, self.marker, self.solver_trace = goal, marker, None
+        if marker is not None or was_held:
+            self.revision += 1
+
     def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
-        """Continue towards a target that one solve did not reach."""
+        """Continue towards a target that one solve did not reach; a silent hand has let go."""
+        self.hand.expire(now_s)
         if self._command is not None:
             self.revision += 1
             self._solve_pending(snapshot, now_s)

@@ -55,11 +55,13 @@ class GoalRefusal:
         reason: The reason, in one sentence.
         pair: The two parts that would touch: a link, and another link or a thing; empty without a
             contact.
+        kept: The goal (n,) that the arm keeps; None if it does not move.
     """
 
     goal: Vector
     reason: str
     pair: tuple[str, ...] = ()
+    kept: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,6 +91,27 @@ class DragTool(PageMessage):
     turn: tuple[Turn, Turn, Turn] = Field(default=(0.0, 0.0, 0.0), strict=False)
 
 
+class TrackHand(PageMessage):
+    """The pose of a hand or phone, in axes parallel to those of the base frame.
+
+    Attributes:
+        position: The position (3,) from any origin, metres.
+        rotation: The orientation as a quaternion w, x, y, z.
+        held: Whether the tip moves with the hand.
+        clutch: The number of the press that holds; each press has another one.
+        scale: The scale from the motion of the hand to that of the tip.
+        stamp: The time of the page, which is returned to it once the arm has had the pose.
+    """
+
+    kind: Literal["track_hand"]
+    position: tuple[Shift, Shift, Shift] = Field(strict=False)
+    rotation: tuple[Axis, Axis, Axis, Axis] = Field(strict=False)
+    held: bool
+    clutch: Annotated[int, Field(ge=0, le=2**53)]
+    scale: Annotated[float, Field(ge=0.25, le=2, allow_inf_nan=False)] = 1.0
+    stamp: Annotated[float, Field(ge=0, le=2**53, allow_inf_nan=False)] = 0.0
+
+
 class Wheel(PageMessage):
     """A wheel event at a pixel; positive notches are away from the user."""
 
@@ -378,6 +399,7 @@ Message = (
     | SetViewport
     | Pointer
     | DragTool
+    | TrackHand
     | Wheel
     | Key
     | SelectBehind

@@ -52,6 +52,7 @@ JERK_FACTOR = 8.0
 """Factor for the jerk of a speed class while the arm follows a pointer in short moves."""
 
 _SETTLE_AFTER_S = 0.4  # a shorter pause does not end a drag
+_SLOW_S = 1.0  # after torque has come on, because the goals of a drag are always near
 _POLL_PERIOD_S = 0.033  # poll period while no session runs
 _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # period of taking telemetry from the control loop
@@ -278,9 +279,9 @@ class ArmThread:
         link = self.arm.context.servos.link_statistics()
         self.history.record(self.snapshot, link, self._clock.now_s())
 
-    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+    def on_refused(self, goal: Vector, error: RefusedError, kept: Vector) -> None:
         """Store a refused goal and log why (``CycleObserver``)."""
-        refusal = refusal_of(goal, error)
+        refusal = replace(refusal_of(goal, error), kept=kept)
         self.snapshot = replace(self.snapshot, refusal=refusal)
         self.log_message(refusal.reason)
 
@@ -344,6 +345,7 @@ class ArmThread:
             speed=session.speed,
             jerk_factor=JERK_FACTOR,
             settle_after_s=_SETTLE_AFTER_S,
+            slow_s=_SLOW_S,
             by_tip=lambda: self.command.by_tip,
         )
         if session.silent:

@@ -23,8 +23,8 @@ class CycleObserver(Protocol):
         """Receive a control cycle."""
         ...
 
-    def on_refused(self, goal: Vector, error: RefusedError) -> None:
-        """Receive a goal (n,) that the guard refused."""
+    def on_refused(self, goal: Vector, error: RefusedError, kept: Vector) -> None:
+        """Receive a goal (n,) that the guard refused, and the goal (n,) that the arm keeps."""
         ...
 
 
@@ -64,7 +64,7 @@ class LiveSession:
         command = self._observer.command
         return not command.live or command.session_id != self.session_id
 
-    def on_rejected(self, error: RefusedError, _kept: Vector) -> None:
+    def on_rejected(self, error: RefusedError, kept: Vector) -> None:
         """Report why the guard rejected a goal; the arm keeps the previous goal."""
         if self._last_goal is not None:
-            self._observer.on_refused(self._last_goal, error)
+            self._observer.on_refused(self._last_goal, error, kept)

@@ -17,6 +17,7 @@ from ikservo.apps.page.messages.page_messages import (
     Pointer,
     SetViewport,
     Stop,
+    TrackHand,
     Wheel,
 )
 from ikservo.apps.page.picking.projection import Viewport
@@ -32,7 +33,7 @@ _RATE_HZ = 400.0
 _BURST = 200.0
 _MAX_BAD_MESSAGES = 20
 _MAX_REMEMBERED = 256
-_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad  # the next message replaces it
+_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad | TrackHand  # the next message replaces it
 
 
 class StaleMessageError(BadMessageError):
@@ -102,8 +103,10 @@ class MessageFilter(Generic[_MessageT]):
             raise
         # Holding is never too late; a page sends its viewport once, often during the slow first
         # second of its layout.
-        is_always_accepted = isinstance(message, Stop | SetViewport) or (
-            isinstance(message, Heartbeat) and not message.visible
+        is_always_accepted = (
+            isinstance(message, Stop | SetViewport)
+            or (isinstance(message, Heartbeat) and not message.visible)
+            or (isinstance(message, TrackHand) and not message.held)
         )
         age_s = now_s - self._sent.get(message.seen + 1, now_s)  # age of the first scene not drawn
         if age_s > MAX_MESSAGE_AGE_S and not is_always_accepted:

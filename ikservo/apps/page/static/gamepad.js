@@ -10,6 +10,7 @@ export class Gamepads {
     this.send = send;
     this.wasActive = false;
     this.buttonGrip = 0; // the page's own buttons: 1 closes the gripper, -1 opens it
+    this.handGrip = 0; // the same for a controller of a headset, in each of its frames
     this.polledAt = 0;
     addEventListener("gamepadconnected", (event) => showStatus(`${event.gamepad.id.slice(0, 40)}: sticks move the tip, triggers the gripper`));
     addEventListener("gamepaddisconnected", () => showStatus(""));
@@ -33,7 +34,7 @@ export class Gamepads {
     this.polledAt = now;
     const pad = [...navigator.getGamepads()].find((found) => found?.connected);
     const axes = [0, 1, 2, 3].map((i) => applyDeadZone(pad?.axes[i] ?? 0));
-    const grip = applyDeadZone(this.buttonGrip || (pad?.buttons[7]?.value ?? 0) - (pad?.buttons[6]?.value ?? 0));
+    const grip = applyDeadZone(this.buttonGrip || this.handGrip || (pad?.buttons[7]?.value ?? 0) - (pad?.buttons[6]?.value ?? 0));
     const active = axes.some(Boolean) || grip !== 0;
     if (active || this.wasActive) {
       this.send("gamepad", { axes: [axes[0], -axes[1], axes[2], -axes[3]], grip });

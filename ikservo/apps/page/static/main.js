@@ -10,6 +10,7 @@ import { $, place, setAttribute, setText, updateChoices } from "./elements.js";
 import { FrameTime } from "./frame_time.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
+import { Hand } from "./hand.js";
 import { HandleInput } from "./handle_input.js";
 import { Leader } from "./leader.js";
 import { NumberField } from "./number_field.js";
@@ -51,6 +52,7 @@ const connection = new Connection(key, {
     plots.setArm(message);
     poses.setArm(message);
     servos.setArm(message);
+    $("hand-gripper").hidden = !message.gripper;
     sendViewport();
   },
   program(message) { program.setProgram(message); },
@@ -58,6 +60,7 @@ const connection = new Connection(key, {
   following(message) { leader.showFollowing(message); },
   app_panels(message) { appPanels.show(message); },
   servo(message) { servos.receive(message); },
+  hand(message) { hand.show(message); },
   graph(message) {
     picture.setGraph(message);
     rendering.graph = message;
@@ -139,6 +142,7 @@ $("grasp").onclick = () => {
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
+const hand = new Hand(send, gamepads, () => stopButton.press("gamepad"), drawFrame);
 
 const isOn = (button) => button.getAttribute("aria-checked") === "true";
 
@@ -234,12 +238,17 @@ function sendViewport() {
 
 function onAnimationFrame(now) {
   requestAnimationFrame(onAnimationFrame);
+  if (!hand.session) drawFrame(now); // in a headset, only its session has frames
+}
+
+function drawFrame(now) {
   if (rendering.isTrying()) frameTime.restart(); // 3D times its own frames, after compiling shaders
   const scene = frameTime.tick(now) ? scenes.shift() : null;
   if (scene) frameTime.drawn(now);
   if (scene) connection.seen = scene.seq;
   pointerInput.flush();
   handleInput.flush();
+  hand.flush();
   panel.joints.flush();
   gamepads.poll(now);
   if (scene) show(scene);
