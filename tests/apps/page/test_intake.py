@@ -69,7 +69,7 @@ def test_lagging_page_is_not_disconnected(intake):
 )
 def test_press_on_old_picture_is_reported_to_user(intake, press):
     intake.record_sent(0.0)
-    with pytest.raises(StalePressError, match="more than 1 s old: nothing was done"):
+    with pytest.raises(StalePressError, match="more than 1 s old, so nothing was done"):
         intake.accept(text(1, 0, **press), 9.0)
 
 
