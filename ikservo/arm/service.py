@@ -233,7 +233,7 @@ class ArmService:
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:
-        """Refuse control to everyone from now on, and stop an operator's motion for ``text``."""
+        """Refuse control from now on, and stop an operator's motion because of ``text``."""
         self.lease.close()
         self.end_motion(text)
 

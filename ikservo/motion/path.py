@@ -293,7 +293,7 @@ class OrientationInterpolation:
 
     @classmethod
     def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
-        """Return an interpolation that keeps the orientation in the plane at joints (dof,)."""
+        """Return an interpolation that keeps the tool as it is in the arm's plane at ``q``."""
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
     def at(self, fraction: float, q: Vector) -> Matrix:

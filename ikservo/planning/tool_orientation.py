@@ -235,7 +235,7 @@ class OrientationSolver:
         return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
 
     def evaluate(self, solution: Result) -> Result:
-        """Return a solution with the largest angle between tool and requested orientation."""
+        """Return a solution whose error is the largest angle from the requested orientation."""
         R, stance, errors = self._tool_rotation(solution.q), self._stance, [0.0]
         if stance.pitch_rad is not None:
             errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))

@@ -109,7 +109,7 @@ def test_joint_goals_take_numpy_numbers(limp):
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
 
-def test_move_joints_array_has_order_of_names_from_where():
+def test_move_joints_array_is_in_order_of_where_names():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         here = arm.where()
         goal = here.positions_rad + np.array([0.1, 0.0, 0.0, 0.0, -0.1, 0.0])

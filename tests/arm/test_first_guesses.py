@@ -57,7 +57,7 @@ def test_move_hint_is_translated_to_a_python_method(text):
     assert in_python(hint) == "Try: arm.move_to((0.25, -0.05, 0.15))."
 
 
-def test_hint_for_point_in_millimetres_names_a_method(arm):
+def test_hint_for_point_in_millimetres_shows_call_in_metres(arm):
     with pytest.raises(ikservo.UnreachableError, match=r"arm.move_to\(\(0.25, 0, 0.1\)\)"):
         arm.plan_to((250, 0, 100))
 

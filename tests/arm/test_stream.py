@@ -123,7 +123,7 @@ def test_goals_continue_without_jump_after_a_stall(stall_s):
         assert max(steps) < 12
 
 
-def test_dynamixel_watchdog_stop_in_a_stall_is_reported():
+def test_watchdog_stop_after_late_control_loop_is_reported():
     with ikservo.open_arm("koch", port="sim") as arm:
         arm.enable()
         clock = clock_of(arm)

@@ -58,7 +58,7 @@ def test_gear_divides_radians_per_tick_and_stays_exact(gear, tick):
     assert joint_map.gear == pytest.approx(gear)
 
 
-def test_potentiometer_tick_is_300_degrees_by_1024():
+def test_potentiometer_tick_is_300_degrees_over_1024():
     joint_map = JointMap.revolute("elbow", 3, 1, 512, 1024 * 360 / 300)
     assert math.degrees(joint_map.unit_per_tick) == pytest.approx(300 / 1024)
 

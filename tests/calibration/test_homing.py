@@ -86,7 +86,7 @@ def test_x_series_is_multi_turn_only_if_travel_wraps_around():
     assert found == Homing(5, True, 3548 - 3553)
 
 
-def test_multi_turn_x_series_stays_so_if_travel_wraps_around():
+def test_x_series_stays_multi_turn_if_travel_wraps_around():
     assert homing_of(X, 5096, 6096, offset=100, counts_on=True) == Homing(100, True, 5596 - 1600)
 
 

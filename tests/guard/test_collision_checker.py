@@ -285,7 +285,7 @@ def test_path_contact_is_tolerated_up_to_1_nm(heights, refused):
         points.check_path(way)
 
 
-def test_posture_contact_of_1_nm_is_free():
+def test_penetration_of_1_nanometre_is_not_a_collision():
     points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
     assert deepest_contact(points, -1e-9, 1.0) == ""
 

@@ -76,7 +76,7 @@ def test_max_lead_in_ticks_scales_with_encoder_resolution():
     assert DrivenJoint(fine, limits, 5.0).max_lead_ticks(5.0) == 6000 + 7822
 
 
-def test_max_lead_of_slow_joint_ignores_fast_motion():
+def test_max_lead_is_capped_by_top_speed_of_joint():
     assert make_limits(speed_tick_s=200).max_lead_ticks(10.0) == 98
 
 

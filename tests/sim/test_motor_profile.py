@@ -69,7 +69,7 @@ def test_timed_profile_takes_its_time(distance: float, total: float, ramp_s: flo
 
 
 @given(velocities, velocities, slopes)
-def test_ramp_ends_at_its_velocity(start: float, goal: float, slope: float) -> None:
+def test_velocity_ramp_ends_at_goal_velocity(start: float, goal: float, slope: float) -> None:
     _, velocity = travel(ramp(start, goal, slope), start)
     assert velocity == pytest.approx(goal, abs=1e-9)
 

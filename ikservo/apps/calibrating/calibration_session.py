@@ -226,9 +226,10 @@ class TorqueOffArm:
 def open_torque_off(
     model: Model, port: str | None, *, settled: bool = True
 ) -> Generator[TorqueOffArm]:
-    """Open an arm for calibration; torque is not changed, and a signal waits for a running write.
+    """Open an arm for calibration without changing its torque.
 
-    An interrupted write is recovered first if the arm is to be ``settled``.
+    A signal, such as Ctrl-C, takes effect after a running write. With ``settled``, an interrupted
+    write is recovered first.
 
     Raises:
         PortError: There is no port, or it cannot be opened.

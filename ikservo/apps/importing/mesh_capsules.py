@@ -443,10 +443,10 @@ def _enclosing_circle_centres(flat: Matrix) -> Matrix:
 def _best_cut(
     triangles: Triangles, surface: _SampledSurface, allowed_m: float
 ) -> list[_Part] | None:
-    """Return the two parts after the cut with the closest capsules; None if no plane cuts.
+    """Cut a mesh in two where capsules fit the parts best; None if no plane divides the mesh.
 
-    If there are very many triangles, the planes are tried on some of them, and the best plane cuts
-    all.
+    If there are very many triangles, the planes are rated on some of them; the best plane then
+    divides the whole mesh.
     """
     points = triangles.reshape(-1, 3)
     some = triangles[:: math.ceil(len(triangles) / _MAX_RATED)]

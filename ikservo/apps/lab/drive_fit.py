@@ -347,11 +347,13 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Cube:
-    """Compute differences between swings (k, places, 3): integrals of voltage and current, joint.
+    """Compute how opposite swings differ at the same places (k, places, 3).
+
+    The last axis holds the integrals of voltage and current, and the joint position.
 
     Each swing is compared with the swings before and after, so that steady drift cancels. A motor
-    whose speed cannot be distinguished from rest counts as stuck, because steps of its sensors
-    would add up.
+    whose speed cannot be distinguished from rest counts as stuck, because the
+    quantisation of its sensors would accumulate in the integrals.
     """
     time_s, position = recording.time_s, recording.position[:, joint]
     current = recording.current_a[:, joint, 0]

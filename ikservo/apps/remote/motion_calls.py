@@ -82,7 +82,7 @@ class MotionCalls:
     def reporting(self, on_progress: OnProgress | None) -> AbstractContextManager[object]:
         """Return a context in which the progress of motions is reported.
 
-        An error of ``on_progress``, which a thread of Zenoh calls, ends ``await_result``.
+        A Zenoh thread calls ``on_progress``; if that raises an error, ``await_result`` raises it.
         """
         check_callable("on_progress", on_progress)
         self._failures.clear()

@@ -297,7 +297,7 @@ def test_joint_readouts_show_progress_of_each_joint():
     }
 
 
-def test_opposite_sign_is_reported_before_saving():
+def test_sign_that_contradicts_arm_file_is_reported_early():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
     assert "elbow: its sign, measured twice, contradicts the arm file" in " ".join(
         warnings(hand.state)

@@ -459,7 +459,7 @@ def test_arrow_key_starts_at_tip_after_wheel():
 
 
 @pytest.mark.parametrize("key", ["Escape", " "])
-def test_escape_and_space_end_drag_and_hold(key):
+def test_escape_or_space_ends_a_drag_and_holds_the_arm(key):
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     assert drag.on_key(key, view_state) == HoldCommand()

@@ -171,7 +171,7 @@ class PlannedPath:
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
-        """Check whether this path answers a request; a path with a plan answers equal requests."""
+        """Check whether this is the path of an equal request, or the reason why that has none."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
 

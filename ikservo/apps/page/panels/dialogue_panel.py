@@ -52,9 +52,9 @@ class LeaveDialogue(PageMessage):
 
 
 class DialoguePanel:
-    """Runs one dialogue at a time and keeps its state for the page.
+    """Runs one dialogue at a time in a process of its own, and keeps its state for the page.
 
-    The button *Stop all* closes the pipe, which the process checks before each step of a motion.
+    *Stop all* closes the pipe to that process, which checks it before each step of a motion.
 
     Args:
         folder: The folder in which the arms' folders are made.
