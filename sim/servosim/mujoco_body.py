@@ -21,7 +21,7 @@ PLAY_SOLREF = (0.002, 1.0)  # a flank stops the rotor in two steps, without a re
 CUBE_KG = 0.03  # beech
 CUBE_FRICTION = (1.0, 0.01, 0.0005)  # wood on printed jaws: sliding, about the normal, rolling
 FORCE_RATIO = 20.0  # with less, a gripped cube creeps out of the jaws
-NO_SLIP_ITERATIONS = 20  # without them, a gripped cube creeps by 0.3 mm/s
+NO_SLIP_ITERATIONS = 20  # without them, a gripped cube creeps by 0.3 mm/s, not 0.05
 AT_REST_M_S = 0.002
 FRICTION_HOLDS = 0.9999  # MuJoCo's default 0.95 lets limp joints creep by degrees per second
 
