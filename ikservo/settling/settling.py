@@ -24,11 +24,11 @@ def _never(_measured: Vector) -> bool:
 
 # A joint held by friction does not move with its goal, however slow its speed class is.
 _MIN_RAD_S2 = 4.0
-_MAX_DURATION_S = 3.0
+_MAX_DURATION_S = 5.0
 # A joint that friction releases just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
 # A swing started by a last correction comes to rest within this time.
-_MAX_SWING_S = 2.0
+_MAX_SWING_S = 2.5
 # A swing larger than this, at the horn, is more than worn gears explain: something is loose.
 _MAX_PLAY_SWING_RAD = math.radians(4.0)
 # An error is reported if it exceeds sensor noise.

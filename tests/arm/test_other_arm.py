@@ -217,7 +217,7 @@ def test_place_of_other_arm_changes_in_both_scenes(arms):
 def test_scene_file_with_arm_that_is_not_open_is_refused(arms, tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text('[[arm]]\nname = "third"\nat_m = [0, 0.5, 0]\n')
-    with pytest.raises(RefusedError, match="third, which is not open here"):
+    with pytest.raises(RefusedError, match="third, which is not open in this program"):
         arms[0].scene.load(path)
     assert arms[0].scene.names == ("the koch",)
 

@@ -125,7 +125,7 @@ def test_open_port_with_another_baud_rate_is_refused(arms):
 
 def test_two_arms_of_one_name_are_refused(open_arm):
     open_arm("left", 1)
-    with pytest.raises(ikservo.PortError, match="An arm named left is open at"):
+    with pytest.raises(ikservo.PortError, match="An arm named left is open on"):
         open_arm("left", 7)
 
 

@@ -20,7 +20,7 @@ def shoulder():
 def test_warning_gives_reason_for_unsearched_end_stop(shoulder):
     assert unreached(shoulder, math.radians(-110.0), FLOOR) == (
         f"cannot search for its end stop near 107.0° ({FLOOR}); the limit of the arm file is used "
-        "there; the other is at -110.0°."
+        "instead; the other is at -110.0°."
     )
 
 

@@ -75,7 +75,7 @@ def test_click_in_old_or_resized_picture_is_refused(arm, camera):
     with pytest.raises(BadMessageError, match="too old"):
         view.require_usable()
     video.newest, video.is_fresh = np.zeros((480, 640, 3), np.uint8), True
-    with pytest.raises(BadMessageError, match="640 x 480, not 960 x 720"):
+    with pytest.raises(BadMessageError, match="640 x 480 pixels, not 960 x 720"):
         view.require_usable()
     view.close()
 

@@ -421,7 +421,7 @@ def test_limp_arm_is_recorded_by_hand_and_replayed_as_step(session):
 def test_recording_of_arm_with_torque_on_is_refused(session):
     record(session, lambda _count: None)
     assert not panel(session).draft.steps
-    assert "Relax or Release it first" in session.arm_thread.snapshot.messages[-1].message
+    assert "Press Relax or Release first" in session.arm_thread.snapshot.messages[-1].message
     assert panel(session).draft.recordings == []
 
 

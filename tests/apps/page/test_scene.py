@@ -187,7 +187,7 @@ def test_other_arm_in_scene_is_read_written_and_never_ignored(scene, tmp_path):
     (tmp_path / "again.toml").write_text(scene_text(things, arms), encoding="utf-8")
     assert read_scene_with_arms(tmp_path / "again.toml")[1] == arms
     for read in (read_scene, lambda path: with_scene(load_model("so101"), path)):
-        with pytest.raises(RefusedError, match="the second, which is not open here"):
+        with pytest.raises(RefusedError, match="the second, which is not open in this program"):
             read(path)
 
 

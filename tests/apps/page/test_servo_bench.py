@@ -288,7 +288,7 @@ def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
     assert servo.memory.get("p_gain") != 32
     if end == "stop":
         session.act("stop")
-        session.note("Stopped on the page")
+        session.note("Stopped on the servo page")
     elif end == "leave":
         session.bench.disconnect(session.page)
     session.bench.close()
@@ -297,7 +297,7 @@ def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
 
 def test_joint_is_found_at_its_new_servo_id(session):
     session.act("move", joint="elbow_flex", address=(9, 1_000_000))
-    session.note("The arm file names id 3")
+    session.note("Change id 3 in the arm file")
     session.send("read_servo", joint="elbow_flex")
     assert session.until("servo", lambda frame: frame["joint"] == "elbow_flex")["id"] == 9
     session.act("move", joint="elbow_flex", address=(10, 1_000_000))

@@ -56,7 +56,7 @@ def test_register_is_not_written_while_joint_holds(session):
     tip_m = session.arm.where().tip_m
     for register in ("torque_limit", "p_gain", "acceleration"):
         assert (
-            "holds a joint, which could fall with other values"
+            "holds a joint, which could fall if values change"
             in write(session, register, "0")["note"]
         )
     session.clock.sleep_until(session.clock.now_s() + 2.0)

@@ -439,7 +439,7 @@ def test_releasing_control_during_motion_stops_arm(served):
 
         with pytest.raises(StoppedError):
             arm.move_joints({"shoulder_pan": -1.5}, speed="slow", on_progress=give_back)
-        assert "gave back control" in served.arm.stopped_for
+        assert "released control" in served.arm.stopped_for
         arm.acknowledge()
 
 
