@@ -172,8 +172,8 @@ def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
         expect(page.locator("#new-arm-start")).to_be_disabled()
         page.select_option("#dialogue select", "2")
         for question, typed in [
-            ("Joint 1: axis", "z"), ("Joint 1: metres", "0.1"), ("Joint 2: axis", "y"),
-            ("Joint 2: metres", "0.12"),
+            ("Joint 1: axis", "z"), ("Joint 1: distance", "0.1"), ("Joint 2: axis", "y"),
+            ("Joint 2: distance", "0.12"),
         ]:  # fmt: skip
             page.keyboard.press("Tab")  # the answer is sent by the keyboard alone
             page.keyboard.press("Enter")

@@ -76,7 +76,7 @@ def test_page_switches_between_cameras_of_the_arm(operator):
     page.wait_for_selector("#camera-names [value='film.avi'][aria-checked=true]")
     page.wait_for_selector("#views [value=camera]", state="detached")  # it was not calibrated
     operator.wait_for("!scene.camera.lens")
-    page.wait_for_selector("text=Clicks in the picture are not targets")
+    page.wait_for_selector("text=Clicks in the picture cannot set targets")
     picture = page.locator("#camera-picture")
     until(lambda: picture.evaluate("picture => picture.naturalWidth") == 64)
     expect(page.locator("#camera-note")).to_have_text("film.avi – not calibrated")

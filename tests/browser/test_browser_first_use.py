@@ -188,7 +188,7 @@ def test_go_there_button_is_in_reach_on_a_phone(newcomer):
 def test_calibration_screen_on_a_phone_begins_with_its_task(on_a_phone):
     page = on_a_phone.start_calibration().page
     page.wait_for_selector("[data-action=accept]")
-    on_a_phone.until("document.querySelector('.task').textContent.includes('still: continue')")
+    on_a_phone.until("document.querySelector('.task').textContent.includes('still; continue')")
     page.click("[data-action=accept]")
     on_a_phone.wait_for("status.calibration.stage === 'sweep'")
     page.wait_for_selector("#calibration .meters li")
