@@ -104,7 +104,7 @@ def test_servo_page_switches_torque_and_then_refuses_writing(bench):
     assert bench.servos[ELBOW].read("torque_enable") == 1
     assert abs(bench.servos[ELBOW].read("goal_position") - before) < 60, "where it is, sagging"
     bench.write("p_gain", "20")
-    bench.says("holds a joint, which could fall with other values")
+    bench.says("holds a joint, which could fall if values change")
     assert bench.servos[ELBOW].read("p_gain") == 32
     bench.page.click("#torque")
     bench.page.click("#torque:has-text('may fall')")
