@@ -25,6 +25,10 @@ from ikservo.settling.settling import settle_at
 
 # The first motion after torque comes on is slow until it is this close to its goal.
 _TOLERANCE_RAD = 0.05
+HAND_JERK_FACTOR = 8.0
+"""Factor for the jerk of a speed class while the arm follows a hand or pointer in short moves."""
+HAND_SLOW_S = 1.0
+"""Time for which such a motion stays slow after torque comes on: its goals are always near."""
 
 OnRefused = Callable[[RefusedError, Vector], None]  # also takes the kept goal (n,)
 

@@ -99,7 +99,7 @@ class GoalIntegrator:
         self._unloaded = stuck[0] < 0.0 < stuck[1]
         self._side, self._furthest, self._enough = 0, 0, int(self._unloaded)
         self._rate, self._released_s, self._relief = 0.0, -math.inf, 1.0
-        self._holds = self._pushed = False
+        self._pushed = False
         self._swing = SwingDamper()
 
     @property
@@ -114,7 +114,7 @@ class GoalIntegrator:
         low, high = self._stuck
         # Gears without load would have to change their flank on the way to the target.
         would_cross_backlash = low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
-        return beside <= max(self._enough, self._holds) or (beside == 1 and would_cross_backlash)
+        return beside <= self._enough or (beside == 1 and would_cross_backlash)
 
     @property
     def swings(self) -> bool:
@@ -180,8 +180,7 @@ class GoalIntegrator:
         if self._rate and self._side * (tick - self.at) > 0:
             self._released_s = time_s  # perhaps
         self._track_motion(tick, time_s)
-        self._holds = self.arrived
-        if self._pushed and self._holds:
+        if self._pushed and self.arrived:
             self._relieve(time_s)
         self._swing.update(tick, time_s, elapsed_s, goal_moves=bool(self._rate))
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):

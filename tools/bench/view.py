@@ -115,7 +115,7 @@ def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float
     """
     should: list[float] = []
     shafts: list[float] = []
-    arm_thread_module.JERK_FACTOR = jerk_factor  # pyright: ignore[reportConstantRedefinition]
+    arm_thread_module.HAND_JERK_FACTOR = jerk_factor  # pyright: ignore[reportConstantRedefinition]
     with served("so101", "home") as (house, page):
         page.say("set_speed", name=speed)
         grab(house, page, 560, 250)
@@ -294,7 +294,7 @@ def print_latencies() -> None:
 
 def print_arrivals() -> None:
     """Measure and print the time from pointer events until the joints have reached the goals."""
-    steep = arm_thread_module.JERK_FACTOR
+    steep = arm_thread_module.HAND_JERK_FACTOR
     for speed in ("normal", "fast"):
         for factor in (1.0, steep):
             should, shafts = map(statistics.median, arrivals_ms(speed, factor))

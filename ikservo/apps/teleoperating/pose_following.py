@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ikservo.apps.teleoperating.pose_filter import MAX_CYCLE_S, PoseFilter, TrackedPose
 from ikservo.arguments import check_callable, check_iterable
 from ikservo.arm.arm_protocol import OpenArm
-from ikservo.arm.following import follow_targets
+from ikservo.arm.following import HAND_JERK_FACTOR, HAND_SLOW_S, follow_targets
 from ikservo.arm.opening import require_own_port
 from ikservo.errors import CollisionError, RefusedError
 from ikservo.guard.dead_man import DEAD_MAN_TIMEOUT_S
@@ -20,8 +20,6 @@ from ikservo.model.tool import tool_frame
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import FollowResult, MotionProgress, OnProgress
 
-JERK_FACTOR = 8.0
-_SLOW_S = 1.0  # after torque has come on, because the goals of a hand are always near
 _LEAD_FRACTION = 0.06  # largest lead of a blocked gripper, as a fraction of its range
 
 
@@ -54,7 +52,13 @@ def follow_pose(
     own = require_own_port(arm)
     source = _PoseGoals(own.context, iter(poses), scale, speed, on_progress)
     result = follow_targets(
-        own, source.goals(), speed, source.on_progress, source.on_refused, JERK_FACTOR, _SLOW_S
+        own,
+        source.goals(),
+        speed,
+        source.on_progress,
+        source.on_refused,
+        HAND_JERK_FACTOR,
+        HAND_SLOW_S,
     )
     ended = source.ended or result.ended.replace("target", "pose")
     return replace(result, ended=ended, unreached=source.unreached)

@@ -12,12 +12,12 @@ from ikservo.apps.page.running import arm_thread as arm_thread_module
 from tests.apps.page.view_session import ViewSession
 
 TWO_TICKS_RAD = 2 * math.tau / 4096
-STEEP = arm_thread_module.JERK_FACTOR
+STEEP = arm_thread_module.HAND_JERK_FACTOR
 
 
 def followed(monkeypatch, jerk_factor):
     """Return the durations of small pointer moves [ms], and the references by time."""
-    monkeypatch.setattr(arm_thread_module, "JERK_FACTOR", jerk_factor)
+    monkeypatch.setattr(arm_thread_module, "HAND_JERK_FACTOR", jerk_factor)
     took_ms, seen, moved_s = [], [], None
     with ViewSession() as session:
         session.send_message(page_messages.SetSpeed, name="normal")
@@ -70,5 +70,7 @@ def test_acceleration_ramps_take_12_5_ms_at_each_speed():
         planner = session.arm.context.planner
         for speed in ("slow", "normal", "fast"):
             limit = planner.motion_limits(speed)[0]
-            ramp_s = limit.acceleration_rad_s2 / (limit.jerk_rad_s3 * arm_thread_module.JERK_FACTOR)
+            ramp_s = limit.acceleration_rad_s2 / (
+                limit.jerk_rad_s3 * arm_thread_module.HAND_JERK_FACTOR
+            )
             assert ramp_s == pytest.approx(0.0125)  # of the whole acceleration, about one cycle

@@ -11,13 +11,12 @@ from ikservo.app_discovery import find_part
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot, GoalRefusal
 from ikservo.apps.page.dragging.target_marker import TargetMarker
 from ikservo.apps.page.messages.page_messages import TrackHand
-from ikservo.arm import Arm
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.se3 import make_pose, quaternion_to_matrix
 from ikservo.model.tool import tool_frame
 
 _SHOWN_GAP_M = 0.005  # a target that is further away from the goal is marked
-_MAX_SILENCE_S = 0.3
 _LET_GO = "let go first"
 _MAX_REMEMBERED = 64
 
@@ -72,7 +71,7 @@ class HandControl:
 
     def expire(self, now_s: float) -> None:
         """Open the clutch if the page has been silent."""
-        if self.is_held and now_s - self._newest_s > _MAX_SILENCE_S:
+        if self.is_held and now_s - self._newest_s > DEAD_MAN_TIMEOUT_S:
             self.release()
 
     def is_new(self, message: TrackHand) -> bool:

@@ -31,6 +31,7 @@ from ikservo.arm import (
     StopKind,
     StopReason,
 )
+from ikservo.arm.following import HAND_JERK_FACTOR, HAND_SLOW_S
 from ikservo.clock import Clock
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import (
@@ -48,11 +49,7 @@ from ikservo.planning.reports import describe_alarms
 from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
 
-JERK_FACTOR = 8.0
-"""Factor for the jerk of a speed class while the arm follows a pointer in short moves."""
-
 _SETTLE_AFTER_S = 0.4  # a shorter pause does not end a drag
-_SLOW_S = 1.0  # after torque has come on, because the goals of a drag are always near
 _POLL_PERIOD_S = 0.033  # poll period while no session runs
 _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # period of taking telemetry from the control loop
@@ -343,9 +340,9 @@ class ArmThread:
         self.arm.follow_goals(
             session,
             speed=session.speed,
-            jerk_factor=JERK_FACTOR,
+            jerk_factor=HAND_JERK_FACTOR,
             settle_after_s=_SETTLE_AFTER_S,
-            slow_s=_SLOW_S,
+            slow_s=HAND_SLOW_S,
             by_tip=lambda: self.command.by_tip,
         )
         if session.silent:
