@@ -191,7 +191,7 @@ _FLAT_M = 1e-3
 def plot_solution(
     file: Path, model: Model, target: Target, start: Vector, solutions: Sequence[tuple[str, Result]]
 ) -> None:
-    """Draw the arm at the start and at each solution, and the error along each trace.
+    """Draw the arm at the start (dof,) and at each solution, and the error along each trace.
 
     The suffix of the file is ``.svg`` or ``.png``. Results with a trace get a curve.
     """

@@ -155,7 +155,7 @@ class GoalCompensator:
         return direction is None
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
-        """Compute the limits (n,) of the offsets at which friction keeps joints (n,) at rest."""
+        """Compute the limits (n,) of offsets [rad or m] at which friction holds joints (n,)."""
         at_rest = TrajectoryPoint.at_rest(positions)
         low, high = (self._modelled(at_rest, side) for side in (-1.0, 1.0))
         return low, high

@@ -36,7 +36,7 @@ class ReversalCounter:
     def update(
         self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
     ) -> NDArray[np.bool_]:
-        """Process errors (n,) of one cycle; return a mask of fresh errors that just reversed."""
+        """Process errors (n,), rad or m, of a cycle; return a mask of those that just reversed."""
         self._since_s = self._since_s + elapsed_s
         beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
         has_reversed = fresh & (beyond < -self._least)

@@ -93,7 +93,7 @@ class StopLatch:
 
 @dataclass(frozen=True, slots=True)
 class PassedGoals:
-    """Goals that passed the gate at a time of its clock; the caller writes and commits them."""
+    """Goals, ticks, that passed the gate at a time of its clock; the caller writes them."""
 
     ticks: TickRow
     time_s: float
@@ -134,7 +134,7 @@ class Gate:
         return PassedGoals(ticks, self._clock.now_s())
 
     def update_measured(self, ticks: TickRow, time_s: float) -> None:
-        """Update the measured positions; joints without a reply are left out.
+        """Update the measured positions, ticks; joints without a reply are left out.
 
         Goals must stay within the maximum lead of recent measurements. The time is by the gate's
         clock.

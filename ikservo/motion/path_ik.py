@@ -30,7 +30,7 @@ def track_path(
     orientation: OrientationInterpolation | None,
     count: int,
 ) -> Matrix:
-    """Follow a path with the tip: its position exactly, its orientation as well as possible.
+    """Follow a path from joints (dof,): the position exactly, the orientation as well as possible.
 
     Returns:
         The joints at equal distances (count, dof).

@@ -71,7 +71,7 @@ class ZeroSource(Enum):
     def check_small_steps(
         self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
     ) -> None:
-        """Refuse joint motions longer than ``steps``, by joint, rad or m, if the zeros are unknown.
+        """Refuse motions (n,) longer than ``steps``, by joint, rad or m, if the zeros are unknown.
 
         Raises:
             CalibrationError: A joint would move further than ``steps`` allows.

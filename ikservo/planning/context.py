@@ -145,7 +145,7 @@ class ArmContext:
                 self.collision.check_path([joints, joints])
 
     def clearance_m(self, joints: Vector) -> float:
-        """Compute the smallest distance of the body [m] to itself, the table and the boxes.
+        """Compute the distance [m] of the body at joints (n,) to itself, the table and the boxes.
 
         The distance is infinite if paths are not checked or positions are unknown.
         """

@@ -184,7 +184,7 @@ class ServedArm:
     ) -> None:
         """Make this arm and another arm of the page obstacles to each other.
 
-        ``at_m`` and ``rpy_deg`` place its base frame in that of this arm.
+        ``at_m`` (3,) and ``rpy_deg`` (3,) place its base frame in that of this arm.
 
         Raises:
             InputError: No other arm of that name is open, or it is moving.

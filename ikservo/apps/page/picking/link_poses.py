@@ -11,7 +11,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 
 
 def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> dict[str, Matrix]:
-    """Compute T_world_link (4, 4) of every link at q (dof,) and other joints, zero if missing."""
+    """Compute T_world_link (4, 4) of each link at q (dof,) and other joints, rad or m (or 0)."""
     poses = {chain.base: np.eye(4)}
     for link in chain.frames:
         if link == chain.base:

@@ -70,7 +70,8 @@ class Picker:
     ) -> tuple[Hit, ...]:
         """Pick every link in the square around a pixel (2,), the nearest first.
 
-        The square has sides of ``region_px`` CSS pixels; 0: only things exactly under the pointer.
+        ``poses`` has T_world_link (4, 4) of each link. The square has sides of ``region_px`` CSS
+        pixels; 0: only things exactly under the pointer.
         """
         offsets_px = _square_offsets(region_px)
         origins, directions = camera.rays(np.asarray(px, dtype=np.float64) + offsets_px)

@@ -88,7 +88,8 @@ class VisibilityChecker:
     ) -> tuple[LinkVisibility, ...]:
         """Compute the visibility of each link from a point (3,), metres, base frame.
 
-        A link around the point occludes nothing; below the table nothing is visible.
+        ``poses`` has T_world_link (4, 4) of each link. A link around the point occludes nothing;
+        below the table nothing is visible.
         """
         eye = finite_vector(eye_m, 3, "The point to look from")
         if self._floor_m is not None and eye[2] < self._floor_m:
