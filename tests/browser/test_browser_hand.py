@@ -332,6 +332,9 @@ def test_session_that_cannot_draw_is_ended(headset):
     headset.page.click("#hand-xr")
     headset.until(SAYS % "AR cannot start here")
     headset.until("!device.activeSession")
+    headset.page.evaluate("screen.orientation.dispatchEvent(new Event('change'))")  # sends a pose
+    headset.page.wait_for_timeout(500)
+    assert headset.page.evaluate(SAYS % "AR cannot start here"), "the answer replaced the error"
 
 
 def test_squeeze_through_a_stop_must_be_repeated(headset):

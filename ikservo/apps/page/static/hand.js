@@ -28,6 +28,7 @@ export class Hand {
     this.finger = 0; // the press of the first finger; 0 for none
     this.clutch = this.since = 0; // the press that holds, and when it began
     this.limit = "";
+    this.failure = ""; // why the last session did not start, until the next press
     this.latency = null;
     this.session = null;
     $("hand-show").onclick = () => this.open();
@@ -96,6 +97,7 @@ export class Hand {
 
   async startSession() {
     this.release();
+    this.failure = "";
     try {
       this.session = await HandSession.start({
         press: () => { this.presses += 1; return this.presses; },
@@ -105,7 +107,8 @@ export class Hand {
       });
       if (!this.isOpen()) this.session.end();
     } catch (error) {
-      setText($("hand-state"), `AR cannot start here: ${error.message}`);
+      this.failure = `AR cannot start here: ${error.message}`;
+      setText($("hand-state"), this.failure);
     }
   }
 
@@ -164,7 +167,7 @@ export class Hand {
     if (press && refused) setText($("hand-state"), refused);
     if (!pose || !press || refused) return;
     if (!this.wasHeld) {
-      Object.assign(this, { wasHeld: true, clutch: press, since: performance.now(), origin: pose.position, turn: SIDES[this.side] - forward });
+      Object.assign(this, { wasHeld: true, clutch: press, since: performance.now(), origin: pose.position, turn: SIDES[this.side] - forward, failure: "" });
       $("hand-hold").toggleAttribute("data-held", true);
     }
     const moved = pose.position.map((at, i) => at - this.origin[i]);
@@ -185,7 +188,7 @@ export class Hand {
     if (limit && !this.limit) this.buzz();
     this.limit = limit;
     $("hand-hold").toggleAttribute("data-limit", Boolean(limit));
-    setText($("hand-state"), `${held ? "Moves with your hand" : "Hold to move"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
+    setText($("hand-state"), this.failure || `${held ? "Moves with your hand" : "Hold to move"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
   }
 
   buzz() {
