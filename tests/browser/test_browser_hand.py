@@ -39,6 +39,7 @@ PX_M = 0.0005
 NEAR_MM = 4.0
 PAN_ID = 1
 OWN = pytest.mark.parametrize("view", [{}], indirect=True, ids=["own"])
+NEXT_FRAME = "new Promise((shown) => device.activeSession.requestAnimationFrame(() => shown()))"
 HELD = "document.getElementById('hand-hold').hasAttribute('data-held') === %s"
 
 SAYS = "document.getElementById('hand-state').textContent.includes('%s')"
@@ -70,6 +71,7 @@ def headset(browser, view, emulator):
     operator.page.click("#hand-show")
     operator.page.click("#hand-xr")
     operator.until("document.body.hasAttribute('data-xr')")
+    operator.page.evaluate(NEXT_FRAME)  # a controller that is squeezed before it must let go first
     yield operator
     context.close()
 
