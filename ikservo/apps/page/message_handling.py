@@ -22,6 +22,7 @@ from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
 from ikservo.apps.page.page_updates import FrameComposer
 from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
+from ikservo.apps.page.panels.episode_panel import EpisodePanel
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
 from ikservo.apps.page.panels.grasp_offer import HEADING, GraspOffer
 from ikservo.apps.page.panels.live_plots import PlotFeed
@@ -70,6 +71,7 @@ class SessionController:
         find_arm: FindArm = lambda _: None,
         cameras: ArmCameras | None = None,
         add_other_arm: AddOtherArm = lambda _: None,
+        episodes: EpisodePanel | None = None,
     ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._cameras = cameras
@@ -86,7 +88,7 @@ class SessionController:
         self._app_panels = AppPanels(arm_thread, clock)
         self._servos, self._grasp = ServoPanel(arm_thread), GraspOffer(arm_thread)
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
-        self._things = self._things_panel()
+        self._things, self._episodes = self._things_panel(), episodes
         self._clients: dict[int, Client] = {}
         self._hand_stamp: tuple[float, float] | None = None  # its time of the page, and of this one
         self._numbers = itertools.count(1)
@@ -107,6 +109,7 @@ class SessionController:
             msg.Grasp: self._choose_grasp,
             msg.RunPanelMotion: self._run_panel_motion,
             msg.TrackHand: self._track_hand,
+            msg.RecordEpisode: self._record_episode,
             msg.ChooseCamera: self._choose_camera,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
@@ -157,6 +160,7 @@ class SessionController:
         frames += self._following.frames(client)
         frames += self._app_panels.frames(client, self._grasp.panels())
         frames += self._servos.frames(client)
+        frames += [] if self._episodes is None else self._episodes.frames(client)
         frames += self._hand_frames() if in_control else []
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
@@ -415,6 +419,13 @@ class SessionController:
         self._require_ready()
         self._app_panels.start(message.heading, message.button)
         self._interaction.reset()
+
+    def _record_episode(self, message: msg.RecordEpisode, _client: Client) -> None:
+        if self._episodes is None:
+            raise BadMessageError(
+                "This page does not record.", "Start it with: ikservo view --record DATASET"
+            )
+        self._episodes.handle(message)
 
     def _circumstances(self) -> tuple[object, ...]:
         """Return everything that withdraws the offer of a grasp if it changes."""

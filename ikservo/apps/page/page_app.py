@@ -17,6 +17,7 @@ from ikservo.apps.page.arm_choices import ChoiceFinder
 from ikservo.apps.page.arm_list import ArmList, read_arm_list_message
 from ikservo.apps.page.messages.page_messages import read_message
 from ikservo.apps.page.panels.dialogue_panel import DialoguePanel
+from ikservo.apps.page.panels.episode_panel import EpisodeFolder
 from ikservo.apps.page.panels.page_cameras import PageCameras
 from ikservo.apps.page.panels.servo_bench import ServoBench, read_bench_message
 from ikservo.apps.page.served_arms import ArmAtPort, ServedArms, ViewSettings
@@ -92,6 +93,7 @@ class ViewApp:
         camera_name: See ``PageCameras``.
         servos: The port of the servos that the page shows instead of arms, and their arm.
         offered_port: A port that the list of arms offers besides those that it finds.
+        record: See ``ViewSettings``.
     """
 
     def __init__(
@@ -108,6 +110,7 @@ class ViewApp:
         camera_name: str = "",
         servos: tuple[str, Model | None] | None = None,
         offered_port: str | None = None,
+        record: EpisodeFolder | None = None,
     ) -> None:
         ports = [place.port or os.environ.get("IKSERVO_PORT", "") for place in places]
         for port in [*ports, *(servos or ())[:1], offered_port or ""]:
@@ -119,6 +122,7 @@ class ViewApp:
         self._uses_tls = not (self._is_local or insecure)
         self._collisions, self._uncalibrated = collisions, uncalibrated
         self._dead_man_s, self._cameras, self._camera_name = dead_man_s, cameras, camera_name
+        self._record = record
         self.keys = AccessTokens.generate()
         self._exits = ExitStack()
 
@@ -140,7 +144,9 @@ class ViewApp:
             cameras = stack.enter_context(PageCameras(clock, self._cameras, self._camera_name))
             downloads = DownloadOffers(clock)
             self.arms = ServedArms(
-                ViewSettings(self._open_arm, clock, downloads, self._dead_man_s, cameras)
+                ViewSettings(
+                    self._open_arm, clock, downloads, self._dead_man_s, cameras, self._record
+                )
             )
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)

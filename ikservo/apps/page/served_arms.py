@@ -13,6 +13,7 @@ from ikservo.apps.page.dragging.snapshot import StopNotice
 from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
 from ikservo.apps.page.page_updates import mode
+from ikservo.apps.page.panels.episode_panel import EpisodeFolder, EpisodePanel
 from ikservo.apps.page.panels.follow_panel import FindArm
 from ikservo.apps.page.panels.page_cameras import ArmCameras, PageCameras
 from ikservo.apps.page.panels.video import VideoSource
@@ -70,6 +71,7 @@ class ViewSettings:
         downloads: Takes the files that pages ask for.
         dead_man_s: The time for which an arm follows without a heartbeat of its page.
         cameras: The cameras of the page; None for no camera.
+        record: The data set to which episodes of the arm are recorded; None for no recording.
     """
 
     open_arm: Callable[[Model, str | None], Arm]
@@ -77,6 +79,7 @@ class ViewSettings:
     downloads: DownloadOffers
     dead_man_s: float = DEAD_MAN_TIMEOUT_S
     cameras: PageCameras | None = None
+    record: EpisodeFolder | None = None
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
@@ -165,6 +168,11 @@ class ServedArm:
                 self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, stack)
             except IkservoError as error:
                 self.camera_error = error
+            record, episodes = settings.record, None
+            if record is not None:
+                episodes = EpisodePanel(
+                    self.arm_thread, settings.clock, record, self.cameras, stack
+                )
             self.controller = SessionController(
                 self.arm_thread,
                 settings.clock,
@@ -172,6 +180,7 @@ class ServedArm:
                 self._find_arm,
                 self.cameras,
                 self.add_other_arm,
+                episodes,
             )
             stack.callback(self.controller.close)
             return stack.pop_all()

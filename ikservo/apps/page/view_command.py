@@ -26,6 +26,7 @@ from ikservo.cli.options import MotionOptions, ServoConnection
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
+from ikservo.files.writing import check_writable
 from ikservo.hardware.port_choice import choose_port, simulated_port_url
 from ikservo.model import Model
 from ikservo.model.scene_file import read_scene_with_arms, with_scene_and_arms
@@ -33,6 +34,7 @@ from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from ikservo.apps.page.page_app import ViewApp, ViewUrls
+    from ikservo.apps.page.panels.episode_panel import EpisodeFolder
     from ikservo.apps.page.served_arms import ArmAtPort
 
 _NEEDS = ("starlette", "uvicorn", "websockets")
@@ -81,6 +83,18 @@ Servos = Annotated[
     bool,
     typer.Option("--servos", help="Show registers, ids and backups of servos instead of an arm."),
 ]
+Record = Annotated[
+    Path | None,
+    typer.Option(
+        "--record",
+        metavar="FOLDER",
+        help="LeRobot data set, new or to be continued, to which the page records episodes of the "
+        "arm and its cameras.",
+    ),
+]
+TaskText = Annotated[
+    str, typer.Option("--task", metavar="TEXT", help="Description of the task, for --record.")
+]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
 
 
@@ -96,6 +110,8 @@ def command(
     camera_name: CameraNameOption = "",
     scene: Scene = None,
     servos: Servos = False,
+    record: Record = None,
+    task: TaskText = "",
     options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
 ) -> None:
     """Serve the browser panel; an arm moves only after Go there, Play, Relax or Live.
@@ -109,6 +125,8 @@ def command(
     ikservo view --servos --port /dev/ttyACM0    the servos of any arm, or without an arm
 
     ikservo view --port sim --listen 192.168.0.7     for other machines, over TLS
+
+    ikservo view so101 --camera 0 --record my_set --task "stack the cubes"
     """
     _check_installed(_NEEDS if insecure or _is_loopback(listen) else (*_NEEDS, *_TLS_NEEDS))
     check_camera_name(camera_name)
@@ -122,7 +140,8 @@ def command(
         places = _among_things(places, scene)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
                   uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
-                  servos=bench, offered_port=connection.port)  # fmt: skip
+                  servos=bench, offered_port=connection.port,
+                  record=_episode_folder(record, task, places))  # fmt: skip
     with exiting_on_signals(), app as urls:  # moving arms brake, and writes are finished
         print_status("To control the arm:")
         sys.stderr.flush()  # prints the label before the URL
@@ -144,6 +163,30 @@ def command(
         with _open_browser(urls.control, enabled=has_display and not no_open):
             app.serve()
     print_status("Torque stays as it was. Switch it off with: ikservo relax")
+
+
+def _episode_folder(
+    record: Path | None, task: str, places: Sequence[ArmAtPort]
+) -> EpisodeFolder | None:
+    """Return the data set to which the page records; None without ``--record``.
+
+    Raises:
+        InputError: There is not exactly one arm, which the data set describes.
+        FileWriteError: The folder is not writable.
+    """
+    from ikservo.apps.page.panels.episode_panel import EpisodeFolder  # noqa: PLC0415  # as above
+
+    if record is None:
+        if task:
+            raise InputError("--task describes episodes.", "Add --record FOLDER.")
+        return None
+    if len(places) != 1:
+        raise InputError(
+            f"--record needs exactly one arm, not {len(places)}.",
+            "Name it, as in: ikservo view so101 --record my_set",
+        )
+    check_writable(record)
+    return EpisodeFolder(record, task)
 
 
 def _bench_from_options(

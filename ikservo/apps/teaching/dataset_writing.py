@@ -1,19 +1,22 @@
-"""Write recordings as a LeRobotDataset (version 3) with the files that LeRobot reads."""
+"""Write recordings and episodes as a LeRobotDataset (version 3), as LeRobot reads it."""
 
 from __future__ import annotations
 
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.apps.teaching.dataset_reading import require_pyarrow
 from ikservo.apps.teaching.lerobot_values import JointValues
 from ikservo.apps.teaching.recording import Recording
 from ikservo.errors import BadValueError, FileFormatError, InputError
+from ikservo.files.reading import parse_json, read_text
 from ikservo.files.writing import write_all_atomic
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
@@ -23,12 +26,212 @@ if TYPE_CHECKING:
 
 _CHUNK = "chunk-000/file-000.parquet"
 _PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+_FILES_PER_CHUNK = 1000
 _JOINTS = ("observation.state", "action")
 _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+_MAX_INFO_BYTES = 16 * 1024 * 1024
+_SAMPLED_PICTURES = 20  # per episode and camera, for the statistics
+_PIXEL_STEP = 8  # every eighth row and column of them
 
 Frames = dict[str, Matrix]
 """The columns of one episode, each (k, width)."""
+Row = dict[str, Any]
+"""The metadata of one episode."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NewEpisode:
+    """An episode to be added.
+
+    Attributes:
+        state: The measured values of the joints (k, n), in LeRobot's units.
+        action: The commanded values (k, n).
+        pictures: For each camera, the JPEG data of each frame.
+    """
+
+    state: Matrix
+    action: Matrix
+    pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
+
+
+class DatasetWriter:
+    """Adds episodes to a data set: a new one, or one that was written for the same arm.
+
+    Args:
+        folder: The folder of the data set.
+        model: The arm.
+        fps: Frames per second.
+        task: The task of the episodes that are added.
+        cameras: The names of the cameras whose pictures each episode has.
+
+    Raises:
+        InputError: pyarrow is not installed, or the folder has other content.
+        FileFormatError: The data set is damaged, or has other joints, cameras or another rate.
+    """
+
+    def __init__(
+        self, folder: Path, model: Model, fps: int, task: str, cameras: Sequence[str] = ()
+    ) -> None:
+        require_pyarrow()
+        self.folder, self.fps, self._task = folder, fps, task
+        self._cameras = {f"observation.images.{name}": name for name in cameras}
+        self._names = list(JointValues(model).features)
+        self._features: dict[str, Any] | None = None
+        self._rows: list[Row] = []
+        self._tasks: list[str] = []
+        if (folder / "meta" / "info.json").is_file():
+            self._read_existing()
+        elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InputError(f"{folder} exists and is not a data set.", "Give a new folder.")
+
+    @property
+    def episodes(self) -> int:
+        """The number of episodes."""
+        return len(self._rows)
+
+    @property
+    def frames(self) -> int:
+        """The number of frames of all episodes."""
+        return self._rows[-1]["dataset_to_index"] if self._rows else 0
+
+    def add(self, episodes: Sequence[NewEpisode]) -> None:
+        """Write the episodes as one file of data, and the metadata of all episodes.
+
+        Raises:
+            InputError: The pictures have another size than those of earlier episodes.
+            FileWriteError: A file cannot be written; the data set is as before.
+        """
+        features = self._feature_table(episodes[0])
+        if self._features not in (None, features):
+            raise InputError(
+                "The pictures have another size than those in the data set.",
+                "Record to a new folder, or set the camera as it was.",
+            )
+        tasks = [*self._tasks, *({self._task} - set(self._tasks))]
+        file_index = 1 + self._rows[-1]["data/file_index"] if self._rows else 0
+        chunk_index = self._rows[-1]["data/chunk_index"] if self._rows else 0
+        chunk_index += file_index // _FILES_PER_CHUNK
+        file_index %= _FILES_PER_CHUNK
+        rows, tables = list(self._rows), list[Any]()
+        for episode in episodes:
+            first = rows[-1]["dataset_to_index"] if rows else 0
+            columns = _frames(episode, len(rows), first, self.fps, tasks.index(self._task))
+            tables.append(_data_table(columns, episode.pictures))
+            row = self._episode_row(columns, episode.pictures)
+            rows.append({**row, "data/chunk_index": chunk_index, "data/file_index": file_index})
+        path = f"{_PATTERN}.parquet".format(chunk_index=chunk_index, file_index=file_index)
+        files = {self.folder / "data" / path: _parquet(tables)}
+        write_all_atomic(files | self._metadata(rows, tasks, features))
+        self._rows, self._tasks, self._features = rows, tasks, features
+
+    def _read_existing(self) -> None:
+        """Read the metadata of a data set that was written here.
+
+        Raises:
+            FileFormatError: The data set cannot be continued.
+        """
+        import pyarrow.parquet as pq  # noqa: PLC0415  # from the extra `dataset`
+
+        path = self.folder / "meta" / "info.json"
+        try:
+            info: Any = parse_json(read_text(path, _MAX_INFO_BYTES))
+            features, fps, kind = info["features"], info["fps"], info["robot_type"]
+            tasks = pq.read_table(self.folder / "meta" / "tasks.parquet").to_pylist()
+            rows = pq.read_table(self.folder / "meta" / "episodes" / _CHUNK).to_pylist()
+            self._tasks = [each["task"] for each in sorted(tasks, key=lambda t: t["task_index"])]
+            cameras = {key for key, each in features.items() if each["dtype"] == "image"}
+            names = features["action"]["names"]
+            is_whole = rows[-1]["dataset_to_index"] == info["total_frames"]
+            self._statistics_of(rows, features)
+        except (KeyError, IndexError, TypeError, ValueError, AttributeError, OSError) as error:
+            found = f"cannot be continued ({type(error).__name__}: {error})"
+            raise FileFormatError(self.folder, "", found, "a data set of ikservo") from error
+        wanted = (self.fps, "ikservo", self._names, set(self._cameras), True)
+        if (fps, kind, names, cameras, is_whole) != wanted:
+            expected = f"{self.fps} frames/s, the joints of this arm and the same cameras"
+            raise FileFormatError(self.folder, "", "cannot be continued", expected)
+        self._rows, self._features = rows, features
+
+    def _feature_table(self, episode: NewEpisode) -> dict[str, Any]:
+        """Return LeRobot's description of the columns."""
+        joints = {"dtype": "float32", "names": self._names, "shape": [len(self._names)]}
+        single = {"shape": [1], "names": None}
+        pictures = {
+            key: {
+                "dtype": "image",
+                "shape": [*_decode(episode.pictures[name][0]).shape],
+                "names": ["height", "width", "channels"],
+            }
+            for key, name in self._cameras.items()
+        }
+        return {
+            **dict.fromkeys(_JOINTS, joints),
+            **pictures,
+            "timestamp": {"dtype": "float32", **single},
+            **{key: {"dtype": "int64", **single} for key in _COUNTERS},
+        }
+
+    def _episode_row(self, frames: Frames, pictures: Mapping[str, Sequence[bytes]]) -> Row:
+        first, length = int(frames["index"][0, 0]), len(frames["index"])
+        row: Row = {
+            "episode_index": int(frames["episode_index"][0, 0]),
+            "tasks": [self._task],
+            "length": length,
+            "dataset_from_index": first,
+            "dataset_to_index": first + length,
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+        }
+        for key, column in frames.items():
+            row |= {f"stats/{key}/{name}": x for name, x in _statistics(column).items()}
+        for key, name in self._cameras.items():
+            for what, values in _picture_statistics(pictures[name]).items():
+                row[f"stats/{key}/{what}"] = values
+        return row
+
+    def _metadata(
+        self, rows: Sequence[Row], tasks: Sequence[str], features: dict[str, Any]
+    ) -> dict[Path, bytes]:
+        """Return the content of each file in ``meta``."""
+        import pyarrow as pa  # noqa: PLC0415  # from the extra `dataset`
+
+        table = pa.table({"task_index": [*range(len(tasks))], "task": tasks})
+        indexed = table.replace_schema_metadata({"pandas": json.dumps(_INDEXED_BY_TASK)})
+        statistics = self._statistics_of(rows, features)
+        meta = self.folder / "meta"
+        return {
+            meta / "episodes" / _CHUNK: _parquet([pa.Table.from_pylist(list(rows))]),
+            meta / "tasks.parquet": _parquet([indexed]),
+            meta / "stats.json": _json(statistics),
+            meta / "info.json": _json(_info(rows, len(tasks), features, self.fps)),
+        }
+
+    @staticmethod
+    def _statistics_of(rows: Sequence[Row], features: Mapping[str, Any]) -> dict[str, Any]:
+        """Combine the statistics of episodes; quantiles are averaged, as LeRobot does."""
+        combined: dict[str, Any] = {}
+        counts = np.array([row["stats/index/count"][0] for row in rows], dtype=np.float64)
+        shares = counts / counts.sum()
+        for key in features:
+            values = {
+                name: np.array([row[f"stats/{key}/{name}"] for row in rows], dtype=np.float64)
+                for name in ("min", "max", "mean", "std", *_QUANTILES)
+            }
+
+            def mean(each: NDArray[np.float64]) -> NDArray[np.float64]:
+                return np.asarray(np.tensordot(shares, each, axes=1), dtype=np.float64)
+
+            spread = values["std"] ** 2 + (values["mean"] - mean(values["mean"])) ** 2
+            combined[key] = {
+                "min": values["min"].min(axis=0).tolist(),
+                "max": values["max"].max(axis=0).tolist(),
+                "mean": mean(values["mean"]).tolist(),
+                "std": np.sqrt(mean(spread)).tolist(),
+                "count": [int(counts.sum())],
+                **{name: mean(values[name]).tolist() for name in _QUANTILES},
+            }
+        return combined
 
 
 def write_dataset(
@@ -52,101 +255,66 @@ def write_dataset(
     if not 1 <= fps <= 500:
         raise BadValueError("--fps", fps, "1 to 500 frames per second")
     values = JointValues(model)
-    episodes: list[Frames] = []
+    episodes: list[NewEpisode] = []
     for recording in recordings:
         if (recording.header.arm, recording.header.joints) != (model.name, values.names):
             found = f"has arm {recording.header.arm}, joints {', '.join(recording.header.joints)}"
             raise FileFormatError("The recording", "", found, f"arm {model.name}")
         begin_s, end_s = recording.times_s[[0, -1]]
         times_s = begin_s + np.arange(1 + int((end_s - begin_s) * fps + 1e-6)) / fps
-        columns: list[Vector] = [
-            np.interp(times_s, recording.times_s, column) for column in recording.joints.T
-        ]
-        joints = values.rows_from_positions(np.stack(columns, axis=1))
-        first = sum(len(each["index"]) for each in episodes)
-        episodes.append(_frames(joints, len(episodes), first, fps))
-    write_all_atomic(_files(folder, list(values.features), episodes, fps, task))
-    return sum(len(each["index"]) for each in episodes)
+        joints = values.rows_from_positions(rows_at(times_s, recording.times_s, recording.joints))
+        episodes.append(NewEpisode(joints, np.concatenate([joints[1:], joints[-1:]])))
+    writer = DatasetWriter(folder, model, fps, task)
+    writer.add(episodes)
+    return writer.frames
 
 
-def _frames(joints: Matrix, number: int, first: int, fps: int) -> Frames:
-    count = np.arange(len(joints), dtype=np.float64)[:, None]
+def rows_at(times_s: Vector, known_s: Vector, rows: Matrix) -> Matrix:
+    """Interpolate rows (k, n) that are known at times (k,), increasing, to other times (m,)."""
+    columns: list[Vector] = [np.interp(times_s, known_s, column) for column in rows.T]
+    return np.stack(columns, axis=1)
+
+
+def _frames(episode: NewEpisode, number: int, first: int, fps: int, task_index: int) -> Frames:
+    count = np.arange(len(episode.state), dtype=np.float64)[:, None]
     return {
-        "observation.state": joints,
-        "action": np.concatenate([joints[1:], joints[-1:]]),
+        "observation.state": episode.state,
+        "action": episode.action,
         "timestamp": count / fps,
         "frame_index": count,
         "episode_index": np.full_like(count, number),
         "index": first + count,
-        "task_index": np.zeros_like(count),
+        "task_index": np.full_like(count, task_index),
     }
 
 
-def _files(
-    folder: Path, names: list[str], episodes: Sequence[Frames], fps: int, task: str
-) -> dict[Path, bytes]:
-    """Return the content of each file of a data set."""
-    import pyarrow as pa  # noqa: PLC0415  # from the extra `dataset`
-
-    whole = {key: np.concatenate([each[key] for each in episodes]) for key in episodes[0]}
-    tasks = pa.table({"task_index": [0], "task": [task]}).replace_schema_metadata(
-        {"pandas": json.dumps(_INDEXED_BY_TASK)}
-    )
-    info = _info(names, episodes, len(whole["index"]), fps)
-    return {
-        folder / "data" / _CHUNK: _parquet(_data_table(whole, len(names))),
-        folder / "meta" / "episodes" / _CHUNK: _parquet(
-            pa.Table.from_pylist(
-                [_episode_row(number, frames, task) for number, frames in enumerate(episodes)]
-            )
-        ),
-        folder / "meta" / "tasks.parquet": _parquet(tasks),
-        folder / "meta" / "stats.json": _json(
-            {key: _statistics(column) for key, column in whole.items()}
-        ),
-        folder / "meta" / "info.json": _json(info),
-    }
-
-
-def _parquet(table: pa.Table) -> bytes:
+def _parquet(tables: Sequence[pa.Table]) -> bytes:
+    import pyarrow as pa  # noqa: PLC0415
     import pyarrow.parquet as pq  # noqa: PLC0415
 
     file = io.BytesIO()
+    table = pa.concat_tables(tables)
     pq.write_table(table, file, compression="snappy")  # pyright: ignore[reportArgumentType]
     return file.getvalue()
 
 
-def _data_table(whole: Frames, width: int) -> pa.Table:
+def _data_table(frames: Frames, pictures: Mapping[str, Sequence[bytes]]) -> pa.Table:
     import pyarrow as pa  # noqa: PLC0415
 
     columns: dict[str, Any] = {}
-    for key, rows in whole.items():
+    for key, rows in frames.items():
         if key in _JOINTS:
             flat = pa.array(rows.astype(np.float32).ravel())
-            columns[key] = pa.FixedSizeListArray.from_arrays(flat, width)
+            columns[key] = pa.FixedSizeListArray.from_arrays(flat, rows.shape[1])
         else:
             kind = np.int64 if key in _COUNTERS else np.float32
             columns[key] = pa.array(rows[:, 0].astype(kind))
+    for name, jpegs in pictures.items():
+        data, paths = pa.array(jpegs, pa.binary()), pa.nulls(len(jpegs), pa.string())
+        columns[f"observation.images.{name}"] = pa.StructArray.from_arrays(
+            [data, paths], ["bytes", "path"]
+        )
     return pa.table(columns)
-
-
-def _episode_row(number: int, frames: Frames, task: str) -> dict[str, object]:
-    first, length = int(frames["index"][0, 0]), len(frames["index"])
-    row: dict[str, object] = {
-        "episode_index": number,
-        "tasks": [task],
-        "length": length,
-        "data/chunk_index": 0,
-        "data/file_index": 0,
-        "dataset_from_index": first,
-        "dataset_to_index": first + length,
-        "meta/episodes/chunk_index": 0,
-        "meta/episodes/file_index": 0,
-    }
-    for key, column in frames.items():
-        for name, value in _statistics(column).items():
-            row[f"stats/{key}/{name}"] = value
-    return row
 
 
 def _statistics(rows: Matrix) -> dict[str, list[float] | list[int]]:
@@ -162,27 +330,38 @@ def _statistics(rows: Matrix) -> dict[str, list[float] | list[int]]:
     return found
 
 
-def _info(names: list[str], episodes: Sequence[Frames], frames: int, fps: int) -> dict[str, object]:
-    joints = {"dtype": "float32", "names": names, "shape": [len(names)]}
-    single = {"shape": [1], "names": None}
+def _picture_statistics(jpegs: Sequence[bytes]) -> dict[str, Any]:
+    """Return the statistics of the channels red, green and blue, 0 to 1, each (3, 1, 1)."""
+    step = max(1, len(jpegs) // _SAMPLED_PICTURES)
+    pixels = [_decode(jpeg)[::_PIXEL_STEP, ::_PIXEL_STEP].reshape(-1, 3) for jpeg in jpegs[::step]]
+    found = _statistics(np.concatenate(pixels) / 255.0)
+    shaped = {name: [[[x]] for x in values] for name, values in found.items() if name != "count"}
+    return {**shaped, "count": [len(jpegs)]}
+
+
+def _decode(jpeg: bytes) -> NDArray[np.uint8]:
+    """Decode a picture as red, green and blue (h, w, 3)."""
+    import cv2  # noqa: PLC0415  # from the extra `camera`
+
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return cast("NDArray[np.uint8]", image)[:, :, ::-1]
+
+
+def _info(rows: Sequence[Row], tasks: int, features: dict[str, Any], fps: int) -> dict[str, object]:
     return {
         "codebase_version": "v3.0",
         "robot_type": "ikservo",
         "fps": fps,
-        "features": {
-            **dict.fromkeys(_JOINTS, joints),
-            "timestamp": {"dtype": "float32", **single},
-            **{key: {"dtype": "int64", **single} for key in _COUNTERS},
-        },
-        "total_episodes": len(episodes),
-        "total_frames": frames,
-        "total_tasks": 1,
-        "chunks_size": 1000,
+        "features": features,
+        "total_episodes": len(rows),
+        "total_frames": rows[-1]["dataset_to_index"],
+        "total_tasks": tasks,
+        "chunks_size": _FILES_PER_CHUNK,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
         "data_path": f"data/{_PATTERN}.parquet",
         "video_path": None,
-        "splits": {"train": f"0:{len(episodes)}"},
+        "splits": {"train": f"0:{len(rows)}"},
     }
 
 

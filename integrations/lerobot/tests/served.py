@@ -39,9 +39,9 @@ class ServedArm:
 
 
 @contextmanager
-def served(folder, name, *options):
+def served(folder, name, *options, model="so101"):
     arm = ServedArm(folder, name)
-    words = ["sim", "so101", "--link", arm.port, "--control", arm.control, *options]
+    words = ["sim", model, "--link", arm.port, "--control", arm.control, *options]
     server = subprocess.Popen(
         [BIN / "ikservo", *map(str, words)], stdout=subprocess.PIPE, text=True,
         start_new_session=True,

@@ -149,6 +149,25 @@ def test_invalid_scene_is_refused_by_view(run_cli, tmp_path, arms, scene, senten
     assert "/dev/tty" not in done.err
 
 
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("--port sim --task wave", "Add --record"),
+        ("so101=sim koch=sim --record {}/set", "needs exactly one arm, not 2"),
+        ("--record {}/set", "needs exactly one arm, not 0"),
+        ("--port sim --record {}", "is not a data set"),
+    ],
+)
+def test_unusable_data_set_for_episodes_is_refused_before_serving(
+    run_cli, tmp_path, line, sentence
+):
+    (tmp_path / "mine.txt").write_text("mine")
+    done = run_cli(f"view --no-open {line.format(tmp_path)}")
+    assert done.code == 2
+    assert sentence in " ".join(done.err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
 def test_other_commands_do_not_load_server():
     script = (
         "import sys; from ikservo.cli import main; main(['arms']);"

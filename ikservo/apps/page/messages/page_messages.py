@@ -356,6 +356,13 @@ class FollowArm(PageMessage):
     leader: Name | None = None
 
 
+class RecordEpisode(PageMessage):
+    """Begin an episode of the data set to which the page records, or save or discard it."""
+
+    kind: Literal["record_episode"]
+    action: Literal["begin", "save", "discard"]
+
+
 class RunPanelMotion(PageMessage):
     """Start the motion of a button in the panel of an app."""
 
@@ -427,6 +434,7 @@ Message = (
     | ShowPlots
     | SaveHistory
     | FollowArm
+    | RecordEpisode
     | RunPanelMotion
     | ChooseCamera
     | ReadServo

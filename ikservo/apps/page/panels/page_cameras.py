@@ -154,8 +154,19 @@ class ArmCameras:
         if choice not in self.choices:
             raise UnknownNameError("camera", choice, self.choices)
         source, name = self.choices[choice]
+        self.video, self.name, self.chosen = self._open(source), name, choice
+
+    def open_all(self) -> dict[str, VideoSource]:
+        """Open every camera that the arm may show; return them by their titles.
+
+        Raises:
+            InputError: A camera is missing.
+        """
+        return {title: self._open(source) for title, (source, _) in self.choices.items()}
+
+    def _open(self, source: str) -> VideoSource:
         if source not in self._opened:
             video = self._cameras.open_before(self._arm, self._exits, source)
             if video is not None:
                 self._opened[source] = video
-        self.video, self.name, self.chosen = self._opened[source], name, choice
+        return self._opened[source]

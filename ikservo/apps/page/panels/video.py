@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import math
 import threading
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from ikservo.errors import IkservoError, InputError
 from ikservo.files.public_source import public_source
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
-_PERIOD_S = 1.0 / 15.0  # least time between two pictures
+_PERIOD_S = 1.0 / 15.0  # least time between two pictures that are only shown
 _RETRY_S = 1.0  # time until a failed camera is opened again
 _OLD_S = 2.0  # time without a picture after which the page reports it
 _LOST_S = 10.0  # time without a picture after which the camera may be unplugged
@@ -81,6 +81,7 @@ class VideoSource:
         self._picture: Picture | None = None
         self._read_s, self._error = -math.inf, ""
         self._watchers = 0
+        self._period_s = _PERIOD_S
         self._watched_s = math.inf  # time since which a page shows it
         self._wanted, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="ikservo camera", daemon=True)
@@ -130,12 +131,30 @@ class VideoSource:
         """Whether the newest picture is recent."""
         return self._picture is not None and self._clock.now_s() - self._read_s < _OLD_S
 
-    async def stream(self) -> AsyncGenerator[bytes]:
-        """Yield new pictures as parts of ``VIDEO_TYPE``; a slow page misses some."""
+    @property
+    def jpeg(self) -> bytes:
+        """JPEG data of the newest picture; empty before the first."""
+        return b"" if self._picture is None else self._picture.jpeg
+
+    @contextlib.contextmanager
+    def watched(self, period_s: float) -> Generator[None]:
+        """Read the camera even if no page shows it, at most one picture per ``period_s``."""
+        self._begin_watching()
+        self._period_s = period_s
+        try:
+            yield
+        finally:
+            self._watchers -= 1
+
+    def _begin_watching(self) -> None:
         if not self._watchers:
             self._watched_s = self._clock.now_s()
         self._watchers += 1
         self._wanted.set()
+
+    async def stream(self) -> AsyncGenerator[bytes]:
+        """Yield new pictures as parts of ``VIDEO_TYPE``; a slow page misses some."""
+        self._begin_watching()
         number = 0
         try:
             while not self._ending.is_set():
@@ -185,12 +204,13 @@ class VideoSource:
         """Store a picture as JPEG; if a camera is faster than the page, some are not shown."""
         now_s = self._clock.now_s()
         if self._is_paced:
-            self._ending.wait(_PERIOD_S)
-        elif now_s - self._read_s < _PERIOD_S:
+            self._ending.wait(self._period_s)
+        elif now_s - self._read_s < self._period_s:
             return
         import cv2  # noqa: PLC0415  # from the extra `camera`
 
-        _, jpeg = cv2.imencode(".jpg", image)
+        coloured = image if image.ndim == 3 else np.repeat(image[:, :, None], 3, axis=2)
+        _, jpeg = cv2.imencode(".jpg", coloured)  # data sets have three channels
         self.newest = image
         number = 1 if self._picture is None else self._picture.number + 1
         self._picture, self._read_s = Picture(number, jpeg.tobytes()), now_s

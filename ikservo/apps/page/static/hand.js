@@ -14,9 +14,9 @@ const FARTHEST_M = 10;
 const LATENCY_WEIGHT = 0.1;
 
 export class Hand {
-  // gamepads moves the gripper; draw(now) draws a frame of the page.
-  constructor(send, gamepads, stop, draw) {
-    Object.assign(this, { send, gamepads, stop, draw });
+  // gamepads moves the gripper; record() begins or saves an episode; draw(now) draws a frame of the page.
+  constructor(send, gamepads, stop, record, draw) {
+    Object.assign(this, { send, gamepads, stop, record, draw });
     this.fingers = new Map(); // positions by pointer id: the first one holds, with a second one up is forward
     this.touched = [0, 0, 0]; // displacement by touch, in metres: right, up, forward
     this.sensor = [1, 0, 0, 0]; // orientation of the phone by its gyroscope
@@ -31,6 +31,7 @@ export class Hand {
     this.failure = ""; // why the last session did not start, until the next press
     this.latency = null;
     this.session = null;
+    this.records = false; // whether the button that records is pressed
     $("hand-show").onclick = () => this.open();
     $("hand-close").onclick = () => this.close();
     $("hand-xr").onclick = () => this.startSession();
@@ -150,6 +151,8 @@ export class Hand {
   // source: its pose (null while tracking is lost), the heading of the user, its press, and the pressed buttons.
   onSessionFrame(now, source) {
     if (source.stops) this.stop();
+    if (source.records && !this.records) this.record();
+    this.records = source.records;
     if (this.isOpen()) {
       this.pulse = source.pulse;
       this.hold(source.pose, source.press ?? this.finger, source.heading);

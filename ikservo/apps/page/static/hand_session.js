@@ -5,6 +5,7 @@ import { heading, multiply } from "./quaternions.js";
 const FROM_XR = [0.5, 0.5, -0.5, -0.5]; // from WebXR's axes (y upwards, -z ahead) to x ahead, z upwards
 const SQUEEZE = 1;
 const TRIGGER = 0;
+const STICK = 3;
 const LOWER_BUTTON = 4;
 const UPPER_BUTTON = 5;
 
@@ -64,6 +65,7 @@ export class HandSession {
       press: this.presses.get(source),
       heading: forward,
       grip: pressed(TRIGGER) - pressed(LOWER_BUTTON),
+      records: pressed(STICK) > 0,
       stops: controllers.some((each) => pressed(UPPER_BUTTON, each) > 0),
       pulse: (ms) => source.gamepad.hapticActuators?.[0]?.pulse(0.6, ms),
     });

@@ -6,6 +6,7 @@ import { AppPanels } from "./app_panels.js";
 import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
+import { Episode } from "./episode.js";
 import { $, place, setAttribute, setText, updateChoices } from "./elements.js";
 import { FrameTime } from "./frame_time.js";
 import { Freshness } from "./freshness.js";
@@ -61,6 +62,7 @@ const connection = new Connection(key, {
   app_panels(message) { appPanels.show(message); },
   servo(message) { servos.receive(message); },
   hand(message) { hand.show(message); },
+  episode(message) { episode.show(message); },
   graph(message) {
     picture.setGraph(message);
     rendering.graph = message;
@@ -142,7 +144,8 @@ $("grasp").onclick = () => {
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
-const hand = new Hand(send, gamepads, () => stopButton.press("gamepad"), drawFrame);
+const episode = new Episode(send);
+const hand = new Hand(send, gamepads, () => stopButton.press("gamepad"), () => episode.toggle(), drawFrame);
 
 const isOn = (button) => button.getAttribute("aria-checked") === "true";
 
