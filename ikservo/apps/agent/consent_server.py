@@ -1,4 +1,4 @@
-"""The page on which a person allows the plans of an agent; on this machine only."""
+"""Web page on which a person allows an agent's plans; only this machine can open the page."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
 SEARCH_MARGIN_RAD = math.radians(20.0)
-"""Largest search of a joint beyond its expected end, angle of the horn."""
+"""Largest angle of the horn by which a search goes beyond a joint's expected end."""
 
 _MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution; a joint with a wider range is not searched
 _SPEED_MARGIN = 1.2
@@ -384,7 +384,7 @@ class MeasuredRanges:
 def with_known_ranges(
     state: CalibrationState, travels: Mapping[str, TickRange]
 ) -> CalibrationState:
-    """Return a calibration state that takes over measured joints instead of measuring again.
+    """Return a calibration state that uses the stored ranges of joints instead of new ones.
 
     A joint whose present position is outside its measured range is measured again.
     """

@@ -79,7 +79,7 @@ def restore(connection: NamedServoConnection, *, json: JsonOption = False) -> No
 
 
 def undo(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
-    """Return to the calibration before the last one by camera or touch-off.
+    """Undo the last calibration by camera or touch-off; restore the calibration before it.
 
     ikservo calibration undo so101
     """
@@ -109,7 +109,7 @@ def diff(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
 
 
 def push(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
-    """Write the calibration file into the servos; their torque goes off.
+    """Write the calibration file into the servos; this switches their torque off.
 
     ikservo calibration push so101
     """

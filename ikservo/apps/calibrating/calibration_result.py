@@ -205,7 +205,7 @@ def _choose_offsets(
     homing: Homing,
     travel: TickRange,
 ) -> list[tuple[int, int]]:
-    """Choose the offsets that make the shadows of a joint report the ticks of its first servo."""
+    """Choose the offsets that make a joint's other servos report the ticks of its first servo."""
     rows = [(subject.servo_id, homing.offset)]
     reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:

@@ -192,7 +192,7 @@ class TorqueOffArm:
         return build_calibration(state, facts, metadata, write_limits=write_limits, user=user)
 
     def register_limit_warnings(self, outcome: CalibrationResult) -> Iterator[str]:
-        """Yield a warning for each joint whose range the servo's own limits would cut off."""
+        """Yield a warning for each joint whose range the servo's own limits would reduce."""
         for joint in self.model.joints:
             own = outcome.calibration.joint(joint.name)
             if own is None or own.extended:

@@ -128,7 +128,7 @@ class ParameterVector:
 
     @property
     def geometry_columns(self) -> slice:
-        """The columns of zeros, base and origins, as in ``calibration_jacobian``."""
+        """The slice of zeros, base and origins; columns as in ``calibration_jacobian``."""
         return slice(0, self.chain.dof + 6 + 3 * len(self.origins))
 
     def zeros(self, values: Vector) -> Vector:

@@ -110,7 +110,7 @@ def _touch_request(
 def estimate_geometry(
     limp_arm: TorqueOffArm, state: TouchOffState
 ) -> Dialogue[tuple[TouchOffState, CalibrationEstimate]]:
-    """Touch points, show the estimate, and ask whether to save it.
+    """Let the user touch points, show the estimate, and ask whether to save it.
 
     Raises:
         CalibrationError: The touches do not suffice, or they do not improve the calibration.

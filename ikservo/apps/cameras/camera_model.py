@@ -99,7 +99,7 @@ class CameraModel:
         return found
 
     def _radially_straight(self, bent: Matrix) -> Matrix:
-        """Return directions (…, 2) without tangential distortion, by bisection.
+        """Return directions (…, 2) from which only the radial distortion is removed, by bisection.
 
         Newton's method does not always converge where the lens model is nearly not invertible.
         """
