@@ -159,7 +159,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Repair common faults of published files that an arm file may not have; return notes."""
+    """Repair common faults of published files that an arm file does not allow; return notes."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
     notes: list[str] = []
     for joint in joints:

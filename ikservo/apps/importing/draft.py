@@ -106,7 +106,7 @@ class ArmDraft:
         }
 
     def toml(self) -> str:
-        """Return the text of its arm.toml."""
+        """Return the text of the draft's ``arm.toml``."""
         table = MODELS[self.joints[0].servos[0].model]
         head = [
             "format = 1",
@@ -210,7 +210,7 @@ def format_range(joint: UrdfJoint) -> str:
 
 
 def guessed_m_per_turn(joint: UrdfJoint) -> float:
-    """Guess the metres per turn of a slide whose servo moves it over its range in one turn."""
+    """Guess the metres per turn of a sliding joint that crosses its range in about one turn."""
     return (joint.upper - joint.lower) / _USED_TURN
 
 

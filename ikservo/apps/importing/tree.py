@@ -26,7 +26,7 @@ class Structure:
 
     Attributes:
         tip: The link of the tool.
-        joints: The joints that move it and follow no other, base to tip.
+        joints: The joints that move the tip and do not mimic other joints, base to tip.
         gripper: The joint of the jaws; empty if there is none.
         other_tips: Other links that could be the tip.
     """
@@ -38,7 +38,7 @@ class Structure:
 
 
 def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
-    """Return the joints that move each link and follow no other, by link in file order.
+    """Return the joints that move each link, by link in file order; mimics count as their leader.
 
     Each link's joints are listed from base to tip.
     """
@@ -52,7 +52,7 @@ def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
 
 
 def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:
-    """Yield the joints that a link carries, from base to tip."""
+    """Yield all joints below a link, from base to tip."""
     carried: dict[str, list[UrdfJoint]] = {}
     for joint in urdf.joints:
         carried.setdefault(joint.parent, []).append(joint)

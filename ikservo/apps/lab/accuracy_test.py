@@ -75,7 +75,7 @@ class TestSettings:
 
     @property
     def is_standard(self) -> bool:
-        """Whether no measurement is shorter than in the standard."""
+        """Whether the test has every part and at least the ``STANDARD_`` cycles and time."""
         return (
             self.cycles >= STANDARD_CYCLES
             and self.path_cycles >= STANDARD_PATH_CYCLES

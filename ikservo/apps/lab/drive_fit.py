@@ -94,12 +94,12 @@ class JointPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Winding:
-    """The motor of one servo, at the horn, by duty, current and speed.
+    """The motor of one servo, at the horn, identified from duty, current and speed.
 
     Attributes:
         ohm: The resistance of the winding.
         kt: The torque constant, N m/A.
-        covariance: The covariance (2, 2) of the errors of both.
+        covariance: The covariance (2, 2) of the errors of ``ohm`` and ``kt``.
     """
 
     ohm: float
@@ -236,9 +236,9 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
 def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
     """Return windows with their mean duties over time, which balance friction and load.
 
-    Servos are read between two goals. There the D gain brakes the joint. At each new goal it drives
-    the joint by as much, but too briefly to be read; the error also falls between goals. If the D
-    gain makes the duties noisy, duties computed from the leads are used.
+    Servos are read between two goals, while the D gain brakes the joint. At each new goal the D
+    gain drives the joint as strongly, but too briefly to be read; the error also falls between
+    goals. If the D gain makes the duties noisy, duties computed from the leads are used.
     """
     duty = windows.duty.copy()
     for joint, loop in enumerate(loops):
@@ -300,7 +300,7 @@ def fit_backlash(
     passes the same place both ways. A joint that falls through its balance is pushed one way and
     then the other in each swing, so the full backlash shows only near the balance, at the places
     with the largest difference. The combined error of R and kt is smaller than the error of either,
-    because the steady motion of their fit needs currents like those of a swing. Currents have a
+    because they were fitted to motion with currents like those of a swing. Currents must have a
     sign; the gears stay on one side if ``gravity``, the torque in each sample (m,), keeps its sign.
     """
     swings = _swings(recording, joint)

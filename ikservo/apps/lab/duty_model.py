@@ -155,7 +155,7 @@ class DutyModel:
         )
 
     def jacobian(self, x: Vector) -> Matrix:
-        """Compute the derivative of the residuals; windows depend on their joint and gravity."""
+        """Compute the derivative of the residuals; a window depends on its joint and on gravity."""
         w, joints = self.windows, len(self.noise)
         rows, at = np.arange(len(w.joint)), _N * joints
         J = np.zeros((len(rows), len(x)))

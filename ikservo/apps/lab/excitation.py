@@ -127,7 +127,8 @@ def plan_excitation(
     """Plan a tour of postures whose gravity torques identify the masses.
 
     Postures are drawn within the limits, with room around the body and free paths between them. Of
-    several candidates, the one that adds most information about the masses is taken (D-optimality).
+    several candidates, the one that adds the most information about the masses is taken
+    (D-optimality).
     The tour runs at the speed ``slow`` back and forth, because friction shows as the difference
     between both directions; a part of the tour is repeated more slowly. It starts and ends at the
     joints ``start`` (n,), rad or m.
@@ -206,8 +207,8 @@ class _FreeSpace:
     Attributes:
         context: The arm.
         dynamics: The dynamics of its chain.
-        clearance_m: The clearance that the body must keep; neighbouring links may always be this
-            near.
+        clearance_m: The clearance that the body must keep, which is small because neighbouring
+            links may always be near each other.
         limits: The kinematic limits of all joints.
         max_torque: Gravity torque (dof,) that the servo of each joint can hold without being judged
             as blocked.

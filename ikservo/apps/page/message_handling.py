@@ -397,7 +397,7 @@ class SessionController:
         self._arm_thread.request_job(SetTipZero(found))
 
     def _choose_grasp(self, message: msg.Grasp | msg.RunPanelMotion, client: Client) -> None:
-        """Look for blocks, or choose a block to pick up, or the place for what is held."""
+        """Look for blocks, choose a block to pick up, or choose a place for the held thing."""
         picture, camera = self._require_picture(client)
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
@@ -417,7 +417,7 @@ class SessionController:
         self._interaction.reset()
 
     def _circumstances(self) -> tuple[object, ...]:
-        """Return everything that withdraws the offer of a grasp if it changes."""
+        """Return the values that withdraw the offer of a grasp if any of them changes."""
         snapshot, scene, view = self._arm_thread.snapshot, self._arm.scene, self._camera_view
         stops = self._arm.context.servos.stop_request.count
         torque = [state.torque for state in snapshot.states]
@@ -498,7 +498,7 @@ class SessionController:
         self._hand_stamp = message.stamp, self._clock.now_s()
 
     def _hand_frames(self) -> list[Frame]:
-        """Return what limits the hand, once the arm has been read after its last pose."""
+        """Return the limit of the hand's motion, once the arm was read after the last pose."""
         if self._hand_stamp is None or self._arm_thread.snapshot.read_s <= self._hand_stamp[1]:
             return []
         (stamp, _), self._hand_stamp = self._hand_stamp, None
@@ -593,7 +593,7 @@ class SessionController:
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
     def _update_path(self) -> None:
-        """Plan the path to the goal of the preview; in Live, report a refusal by the guard."""
+        """Plan the path to the preview's goal; in Live, report a goal that the guard refuses."""
         goal, now_s = self._interaction.goal, self._clock.now_s()
         if self._arm_thread.command.live:
             self._planner.update(None, now_s)
@@ -611,7 +611,7 @@ class SessionController:
             self._interaction.show_path(path, None if path is None else path.refusal)
 
     def _plan_request(self) -> PlanRequest | None:
-        """Return the path to plan now; None if there is no goal, or the arm is at it."""
+        """Return the path to plan now; None if there is no goal, or the arm is at the goal."""
         grasp = self._grasp.request(self._circumstances())
         if grasp is not None:
             return grasp

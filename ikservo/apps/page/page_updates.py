@@ -71,7 +71,7 @@ def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
 
 
 def banner(snapshot: ArmSnapshot, fallback: StopNotice | None) -> dict[str, str] | None:
-    """Return why the arm was stopped or Live has ended, and what the user can do."""
+    """Return the reason for a stop or for the end of Live, and what the user can do."""
     notice = snapshot.stop_notice or fallback
     if notice is None or snapshot.calibration:
         return None
@@ -172,7 +172,7 @@ def status_frame(
 ) -> Frame:
     """Return the frame with all data that the page shows next to the drawing.
 
-    ``step`` is that of a shown solver trace, ``controller`` the page in control (``you``, ``other``
+    ``step`` is the shown solver step, ``controller`` the page in control (``you``, ``other``
     or ``none``), ``fallback`` the reason why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace

@@ -307,7 +307,7 @@ class ServedArms:
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:
-        """Find the open arm with a name, or the first one without a name; None if there is none."""
+        """Find an open arm by its name, or the first open arm if no name is given; None if none."""
         found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
         return found[0] if found else None
 
@@ -369,7 +369,7 @@ class ServedArms:
         return arm
 
     def stop(self, name: str | None, by: str) -> None:
-        """Stop an arm, or every open arm without a name; it holds until acknowledged.
+        """Stop one arm, or every open arm if no name is given; it holds until acknowledged.
 
         Args:
             name: The arm; None: every open arm.

@@ -137,8 +137,8 @@ class ArmServer:
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
         """Return the context for running a request; a later stop ends its motion.
 
-        A stop while the request was on its way, or was waiting in its program, also ends the
-        motion. A larger stop count is capped, or the motion could survive later stops.
+        A stop while the request was on its way, or was waiting in the client, also ends the
+        motion. A larger stop count is capped, because the motion could survive later stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count

@@ -246,7 +246,7 @@ def result_of(data: bytes) -> object:
 
 
 def parse_result(kind: type[T], result: object) -> T:
-    """Return a decoded result after checking its type, one of ``RESULT_TYPES`` or any for pydantic.
+    """Check the type of a decoded result, and return the result; pydantic converts plain values.
 
     Raises:
         IkservoError: The result has another type, so the other end is another version.

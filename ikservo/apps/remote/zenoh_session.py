@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The files of this end's certificate and private key, and of the authority that both trust."""
+    """Files: this end's certificate and private key, and the authority that both ends trust."""
 
     authority: Path
     certificate: Path
@@ -205,7 +205,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return why the only endpoint is unreachable, and a hint or nothing; None if unknown.
+    """Return the reason why the only endpoint is unreachable, with a hint; None if unknown.
 
     Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """

@@ -87,7 +87,7 @@ class HandGuiding:
         return TrajectoryPoint.at_rest(np.where(self._moved_by_hand, goals, self._goals))
 
     def _lead(self) -> Vector:
-        """Compute the lead (n,) of goals over the anchors with which the servos carry the links."""
+        """Compute the lead (n,) of goals ahead of the anchors that lets servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 

@@ -102,7 +102,7 @@ class StepResponse:
 
     @property
     def cost(self) -> float:
-        """Cost for comparing gains: 1 per degree and per 0.2 s, and a high cost for swinging."""
+        """Cost of the gains: 1 per degree of error and per 0.2 s of settling, 10 for swinging."""
         far = np.degrees(self.overshoot_rad + self.steady_error_rad)
         return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
 

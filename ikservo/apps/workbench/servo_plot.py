@@ -60,7 +60,7 @@ class _Curve:
 
 
 def read_joint_maps(line: ServoLine, model: Model, words: Sequence[str]) -> dict[int, JointMap]:
-    """Return the joint maps, by servo id, of the joints of an arm that are among the words.
+    """Return the joint maps, by servo id, of the joints that the words name.
 
     Raises:
         CalibrationError: The arm's calibration contradicts its servos or its arm file.

@@ -341,8 +341,8 @@ def write_registers(
     """Make the first EEPROM copy, then write the planned changes and verify them.
 
     An EEPROM that a killed program has left unlocked is locked, even if nothing changes. Torque
-    comes on at the present position. Id and baud rate are written last, because the servo then
-    replies at the new ones.
+    is switched on at the present position. Id and baud rate are written last, because the servo
+    then replies at the new values.
 
     Raises:
         RegisterAccessError: Torque is on, or it is off and a goal is written.

@@ -110,7 +110,7 @@ class DragSolver:
         return DragSolution(q, _make_marker(command.target, tracked), settled)
 
     def _track_target(self, command: DragTarget, start: Vector) -> Result:
-        """Track the current IK branch; a click may switch to another one."""
+        """Track the current IK branch; a click may switch to another branch."""
         solver, T_target = self._solver_for(command.target), make_pose(command.target.position)
         solver.track(T_target, start)
         tracked = solver.result
@@ -165,7 +165,7 @@ class DragSolver:
         return Posture(self.posture.q, weights)
 
     def _limit_step(self, start: Vector, q: Vector) -> tuple[Vector, bool]:
-        """Limit q to 8° per joint from the start; return it, and whether the step was scaled."""
+        """Limit the step to 8° per joint; return the joints, and whether the step was scaled."""
         max_distance = _max_joint_distance(q, start)
         if max_distance <= MAX_STEP_RAD:
             return q, False
@@ -198,7 +198,7 @@ def _make_marker(target: Target, found: Result) -> TargetMarker:
 
 
 NONE, CURRENT_POSTURE = "none", "here"
-"""Choices without a named pose: no preferred posture, or the posture when it was chosen."""
+"""Choices other than a named pose: no preferred posture, or the arm's posture at that moment."""
 
 _LEANING_METHODS = ("auto", "pseudo_inverse")
 

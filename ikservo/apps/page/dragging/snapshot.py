@@ -98,8 +98,8 @@ class ArmSnapshot:
         start: The joints (n,) at which a motion would start now.
         read_s: The time of the measurement.
         reference: The reference of the joints (n,); None while no session runs.
-        states: Telemetry of the servos, a little older.
-        stop_notice: Why the arm holds; None if it is not stopped.
+        states: Telemetry of the servos, a little older than the positions.
+        stop_notice: The reason why the arm holds; None if it is not stopped.
         stop_count: Number of completed stops; confirms them to the page.
         ended_session: The last session that has ended.
         refusal: The last goal that was refused in a session; None if there is none.

@@ -98,9 +98,9 @@ class TrackHand(PageMessage):
         position: The position (3,) from any origin, metres.
         rotation: The orientation as a quaternion w, x, y, z.
         held: Whether the tip moves with the hand.
-        clutch: The number of the press that holds; each press has another one.
+        clutch: The number of the press that closes the clutch; each press has a new number.
         scale: The scale from the motion of the hand to that of the tip.
-        stamp: The time of the page, which is returned to it once the arm has had the pose.
+        stamp: The page's time, which the server returns once the arm has received the pose.
     """
 
     kind: Literal["track_hand"]
@@ -200,7 +200,7 @@ class MarkTip(PageMessage):
 
 
 class Grasp(PageMessage):
-    """Offer to pick up the block at a pixel of the drawing, or to put down there what is held.
+    """Offer to pick up the block at a pixel of the drawing, or to put the held thing down there.
 
     Without a pixel, the blocks in the camera's picture are listed.
     """

@@ -113,13 +113,13 @@ class PageCameras:
         return first
 
     def _given(self, stored: str) -> str | None:
-        """Return the given source, with its password, for a stored one."""
+        """Return the given source, with its password, that matches a stored source."""
         name = public_source(stored)
         return next((each for each in self._sources if public_source(each) == name), None)
 
 
 class ArmCameras:
-    """The cameras that an arm of a page may show, and the one that it shows.
+    """The cameras that an arm of a page may show, and the camera that it shows now.
 
     Args:
         cameras: The cameras of the page.

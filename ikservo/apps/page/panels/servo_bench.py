@@ -186,7 +186,7 @@ class ServoBench:
         """Queue a request of a page.
 
         Raises:
-            BadMessageError: The request is not permitted, or too many requests wait.
+            BadMessageError: The request is not permitted, or too many requests are waiting.
         """
         if isinstance(message, WorkOnServo) and message.action == "stop":
             self._stop_trial()

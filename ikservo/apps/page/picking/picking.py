@@ -193,5 +193,5 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Check whether a hit is only next to the pointer; a sort by it keeps the order of depth."""
+    """Check whether a hit is only next to the pointer, as a sort key that keeps depths in order."""
     return found.hit.away_px > 0.0

@@ -27,7 +27,7 @@ class FollowLag:
             leader is still.
         arm_s: Time from the leader's motion to that of the follower's joints; None while the leader
             is still.
-        error: The largest present distance of a joint from the leader's, rad or m.
+        error: The largest present difference between a joint and the leader's joint, rad or m.
         joint: The joint with that error.
     """
 

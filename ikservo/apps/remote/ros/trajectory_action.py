@@ -1,6 +1,6 @@
 """The action FollowJointTrajectory: a joint trajectory with tolerances, and its result.
 
-A position tolerance [rad or m] above 0 is used as given; 0 means the default, below 0 no limit.
+A position tolerance [rad or m] above 0 is used as given; 0 means the default; below 0, no limit.
 """
 
 from __future__ import annotations
