@@ -119,7 +119,7 @@ class ArmTools:
         width_m: Annotated[Number, Field(ge=0)] | None = None,
         force: Annotated[Number, Field(gt=0, le=1)] | None = None,
     ) -> res.Execution:
-        """Open or close the gripper, or set its width; it holds a thing between its jaws."""
+        """Open or close the gripper, or set its width; closing grips a thing between the jaws."""
         offered = await self._use(
             "gripper", lambda: self._agent.plan(MoveGripper(to, width_m=width_m, force=force))
         )

@@ -330,7 +330,7 @@ class AutoCalibration:
         return self.finish()
 
     def sweep(self) -> Dialogue[None]:
-        """Search for the stops of each joint that has no measured range yet, starting at the tip.
+        """Search for the end stops of each joint without a measured range, starting at the tip.
 
         Raises:
             CalibrationError: A joint was stopped in the wrong place, or no stop was found.

@@ -52,7 +52,7 @@ _SPEED_MARGIN = 1.2
 
 
 def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
-    """Check whether a joint has stops for which a search is possible."""
+    """Check whether the end stops of a joint can be searched for."""
     too_wide = (
         subject.ticks_per_turn > 0
         and subject.expected_ticks >= _MAX_SEARCHED_FRACTION * subject.ticks_per_turn
@@ -249,7 +249,7 @@ class PosturePlanner:
             yield self._improve(posture, search)
 
     def _improve(self, posture: Vector, search: _JointSearch) -> Vector:
-        """Improve a posture until small changes of single joints no longer gain clearance."""
+        """Improve a posture until small changes of single joints no longer increase clearance."""
         best, best_m, step = posture, self._min_distance(search, posture)[0], _WIDE_RAD
         while step >= _FINE_RAD and best_m < _ENOUGH_M:
             # The postures (n, dof) in which one of the other joints is moved by a step.
@@ -267,7 +267,7 @@ class PosturePlanner:
         return best
 
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
-        """Return the smallest distance [m] of two parts on the path to an end, and these parts."""
+        """Return the smallest distance [m] between parts on the path to an end, and both parts."""
         path = search.sample_path(posture)
         distances_m = self.space.distances(path)
         is_nearby = np.abs(path[:, search.column] - search.start) > search.clear_travel

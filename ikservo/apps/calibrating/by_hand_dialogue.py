@@ -267,7 +267,7 @@ def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> t
 
 
 def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str]:
-    """Return the number of the present step of a calibration, and its instruction."""
+    """Return the number of the present calibration step, and the instruction for the user."""
     if state.stage is CalibrationStage.REFERENCE_POSE:
         what = f'Put the arm in the pose "{pose}"'
         if len(state.subjects) < len(model.joints):

@@ -221,7 +221,7 @@ def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool
 
 
 def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, json: bool) -> None:
-    """Save the calibration that is attached to a recording as the arm's own.
+    """Save the calibration that is attached to a recording as the calibration of the arm.
 
     Raises:
         CalibrationError: The calibration does not fit the servos, or none is attached.

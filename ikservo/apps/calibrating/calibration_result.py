@@ -2,7 +2,7 @@
 
 A joint's stops are near the limits of the arm file. If one end of the recorded range is far beyond
 its limit and the other end is not, the zero is shifted: the arm was not in the pose. If the range
-is as wide as in the arm file, a much smaller shift can be seen.
+is as wide as in the arm file, a much smaller shift can be detected.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ class TorqueOffArm:
         known: Mapping[str, TickRange] | None = None,
         only: Collection[str] = (),
     ) -> list[JointUnderCalibration]:
-        """Make the joints to calibrate from a named pose; all of them if ``only`` is empty.
+        """Return the joints to calibrate, given a named pose; all joints if ``only`` is empty.
 
         Raises:
             UnknownNameError: The arm has no such pose.
@@ -280,7 +280,7 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
 
 
 def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
-    """Yield warnings if a new calibration loses touch-off corrections or a camera."""
+    """Yield warnings if a new calibration discards touch-off corrections or a camera."""
     with contextlib.suppress(FileFormatError):  # a malformed file has nothing to lose
         before = load_calibration(loose.model.name, loose.serial_number)
         if before:

@@ -104,7 +104,7 @@ class ParameterVector:
 
     Args:
         chain: The arm as described.
-        extent: The set of estimated parameters; the others stay zero.
+        extent: The set of estimated parameters; all other parameters stay zero.
         points: Names of the unmeasured points.
     """
 

@@ -129,8 +129,8 @@ class ArmCamera:
         Args:
             u: Pixels to the right.
             v: Pixels down.
-            height_m: The height of the plane above the table, metres; the arm file gives the height
-                of the table, otherwise it is at z = 0.
+            height_m: The height of the plane above the table, metres; the table is at the height
+                that the arm file gives, or else at z = 0.
 
         Returns:
             The point (3,), metres, base frame.

@@ -189,7 +189,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
-    """Estimate only the focal length from views of a board, as initial value of the full estimate.
+    """Estimate only the focal length from views of a board, to start the full estimate.
 
     Raises:
         CalibrationError: The views do not suffice.

@@ -188,8 +188,8 @@ class CameraFit:
         extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
-        scale: The relative excess of the board's distance that results from printing it larger
-            than stated.
+        scale: The fraction by which the board was printed larger than stated, and by which its
+            distance is therefore larger.
         lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if the lens is known.
         zeros: The offsets of the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
@@ -306,7 +306,7 @@ def estimate_camera(
 
     Args:
         known: The known arm with its masses, to which the board and other payload are added.
-        samples: At least six, in different postures.
+        samples: At least six samples, in different postures.
         extents: The parameters that may be estimated, `Extent.CAMERA` among them.
 
     Raises:

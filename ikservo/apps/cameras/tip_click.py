@@ -3,7 +3,7 @@
 Pictures of a board on the gripper cannot distinguish this zero from the angle at which the board
 is mounted; pictures of the tip can. Each value of the zero puts the tip at another point of an arc
 in the picture; the point nearest to the click is used. Clicks are stored with the camera, and their
-mean is used, because click errors average out. The error of the camera does not.
+mean is used, because click errors average out. The error of the camera does not average out.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ class DriftResult:
 
     Attributes:
         name: The pose.
-        times_s: The end of each group, from the beginning of the first.
+        times_s: The end time of each group, counted from the beginning of the first group.
         groups: The groups.
     """
 

@@ -3,8 +3,8 @@
 If a servo measures its current, ``u V = R i + kt w``, with the duty u, the supply V and the speed
 w, determines the motor's resistance R and torque constant kt, which is also the back-EMF. The
 position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error e and the
-start-up force u0; d stands for delays and the D gain between two goals. The speed of the motor, by
-its back-EMF, less that of the joint shows motion within the backlash.
+start-up force u0; d represents delays and the D gain between two goals. The motor's speed, from
+its back-EMF, minus the joint's speed shows motion within the backlash.
 """
 
 from __future__ import annotations

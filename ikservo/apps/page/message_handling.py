@@ -533,7 +533,7 @@ class SessionController:
             driver.put_answer(f"{message.action} {message.joint or ''}".strip(), message.number)
 
     def _update_after_session(self) -> None:
-        """Follow a reopened arm, and reset the goal if the session has ended."""
+        """Use the new ``Arm`` after a reopening, and reset the goal if the session has ended."""
         if self._arm_thread.arm is not self._arm:  # its limits may have changed
             self._arm = self._arm_thread.arm
             self.close()

@@ -80,8 +80,8 @@ class ViewApp:
     """The panel for several arms. Entering it opens the given arms; on leaving, all arms hold.
 
     Args:
-        places: The arms and their ports; simulated ones run in real time. Others can be opened on
-            the page, so there may be none.
+        places: The arms and their ports; simulated arms run in real time. It may be empty, because
+            arms can also be opened on the page.
         listen: The IP address at which the page is served.
         http: See ``BoundAddress``.
         insecure: Serve other machines by plain HTTP instead of TLS.
@@ -173,7 +173,7 @@ class ViewApp:
         serve(self._app, self._address)
 
     def serve_in_thread(self) -> ExitStack:
-        """Serve in a separate thread until the stack is closed, so that the program goes on."""
+        """Serve in a separate thread until the stack is closed, so that the program continues."""
         stack = ExitStack()
         stack.enter_context(serve_in_thread(self._app, self._address))
         return stack

@@ -240,8 +240,8 @@ def wait_for_servo(
 
     It may have any known baud rate and belong to any family; the protocol of ``table`` is tried
     most often, at ``rate`` and at the rates of a new servo. The wait continues while several
-    servos reply, even with one id. Yields each baud rate before it is tried, and the replying servos
-    when they change.
+    servos reply, even with the same id. Yields each baud rate before it is tried, and the replying
+    servos when they change.
 
     Raises:
         ServoSilentError: No servo replies, or several do.

@@ -105,7 +105,7 @@ class ArmSnapshot:
         refusal: The last goal that was refused in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
-        activity: Description of what the arm does without the page; empty if nothing.
+        activity: The title of the running job; empty if no job is running.
     """
 
     measured: Vector

@@ -193,5 +193,5 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Check whether a hit is only next to the pointer, as a sort key that keeps depths in order."""
+    """Check whether a hit is only next to the pointer; a sort by this keeps the order of depth."""
     return found.hit.away_px > 0.0

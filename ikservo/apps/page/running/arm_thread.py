@@ -384,7 +384,7 @@ class ArmThread:
         """End all activity at a stop; latch the stop unless the page has stopped a limp arm.
 
         Nothing moves or waits after that. With torque off there is nothing to check, so the user
-        need not acknowledge it.
+        need not acknowledge the stop.
         """
         self._torque_requests.clear()
         is_read = False
