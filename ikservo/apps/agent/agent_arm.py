@@ -333,7 +333,7 @@ class AgentArm:
         return self._last_picture or self.look()
 
     def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> res.SeenThing:
-        """Return the first point that a pixel (right, down) sees, or its point at ``height_m``."""
+        """Return the first point that a pixel (right, down) sees, or the point at ``height_m``."""
         step = shrink_step(self.arm.camera.model().lens.size)
         u, v = step * u, step * v
         if height_m is not None:

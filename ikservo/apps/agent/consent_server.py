@@ -82,7 +82,7 @@ def stored_address() -> str:
 
 
 def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
-    """Return the application; every request except the one for the page itself needs the key."""
+    """Return the application; every request needs the key, except the request for the page."""
     hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
 
     def checked(handle: Handler, *, needs_key: bool = True) -> Handler:

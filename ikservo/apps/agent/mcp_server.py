@@ -92,7 +92,7 @@ class ArmTools:
         return await self._use("plan", lambda: self._agent.plan(motion.parse()))
 
     async def plan_picture(self, plan_id: Name) -> Image:
-        """Draw a plan from above and the side; grey: the arm now; blue: its end; orange: path."""
+        """Draw a plan from above and the side: arm now (grey), at the end (blue), path (orange)."""
         picture = await self._use("plan_picture", lambda: self._agent.picture_of(plan_id))
         return Image(data=picture, format="png")
 
@@ -160,13 +160,13 @@ class ArmTools:
     async def point_of_pixel(
         self, u: Number, v: Number, height_m: Number | None = None
     ) -> res.SeenThing:
-        """Find the first point that a pixel (u right, v down) sees, or its point at height_m."""
+        """Find the first point that a pixel (u right, v down) sees, or the point at height_m."""
         return await self._use("point_of_pixel", lambda: self._agent.point_of_pixel(u, v, height_m))
 
     async def program_check(
         self, text: Annotated[str, Field(max_length=50_000)]
     ) -> res.CheckedProgram:
-        """Check a program (TOML: format, arm, [[steps]]); execute runs it if all are possible."""
+        """Check a program (TOML: format, arm, [[steps]]); if it passes, execute can run it."""
         return await self._use("program_check", lambda: self._agent.check_program(text))
 
     async def description(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ class ArmTools:
         turn: anyio.Lock | None = None,
         watched: AnyContext | None = None,
     ) -> T:
-        """Run a tool's work after the earlier calls, even if it is cancelled; report its errors.
+        """Run a tool's work after earlier calls, even if the call is cancelled; report its errors.
 
         A ``watched`` call moves the arm; its motion stops if the client no longer answers.
         """

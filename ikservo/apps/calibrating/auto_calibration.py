@@ -236,7 +236,7 @@ def missing_stop_error(
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Describe a joint with one or two ends for which no search is possible.
+    """Describe a joint of which one or both ends could not be searched for.
 
     An end is the position of its stop, rad or m, or the reason why it was not searched for.
     """

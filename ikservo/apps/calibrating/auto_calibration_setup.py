@@ -384,7 +384,7 @@ class MeasuredRanges:
 def with_known_ranges(
     state: CalibrationState, travels: Mapping[str, TickRange]
 ) -> CalibrationState:
-    """Return a calibration state that uses the stored ranges of joints instead of new ones.
+    """Return a calibration state that uses the stored ranges of joints that were measured before.
 
     A joint whose present position is outside its measured range is measured again.
     """

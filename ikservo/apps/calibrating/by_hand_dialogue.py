@@ -250,7 +250,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 
 
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
-    """Return the possible answers of a sweep, each for the current joint or the one at issue."""
+    """Return the possible answers of a sweep, each for the current joint or the joint at issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
     wait_s = None if issue else SWEEP_UNCHANGED_S if complete else NARROW_SWEEP_UNCHANGED_S
     joints = tuple(subject.name for subject in state.subjects)

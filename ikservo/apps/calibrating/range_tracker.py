@@ -102,7 +102,7 @@ class ContactState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EndStopDetector:
-    """Detects the stop of one joint; all angles are those of the servo's horn.
+    """Detects the stop of one joint; all angles are angles of the servo's horn.
 
     Static friction and gravity may hold a joint until its servo pushes with its full allowed
     torque. So a joint at rest is at a stop only if its lag is large enough for that torque.

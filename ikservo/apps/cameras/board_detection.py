@@ -76,7 +76,7 @@ class LiveCamera:
             )
 
     def take(self) -> Picture:
-        """Take a picture; discard older ones in the driver's queue.
+        """Take a picture; discard older pictures in the driver's queue.
 
         Raises:
             PictureError: The file is damaged, or the camera no longer delivers pictures.
@@ -278,7 +278,7 @@ def lens_terms(
 def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
     """Compute the pose (4, 4) of the board in the camera.
 
-    A flat board may have two poses; the one with the smaller error is returned.
+    A flat board may have two poses; the pose with the smaller error is returned.
 
     Raises:
         PictureError: No pose fits the corners.

@@ -139,7 +139,7 @@ class HandCalibration:
         """Take a picture and find the board in it; report once why the board is not found.
 
         Raises:
-            CalibrationError: The camera gives no picture, or the same one again.
+            CalibrationError: The camera gives no picture, or the same picture again.
         """
         picture = self._camera.take()
         if self._last is not None and np.array_equal(picture, self._last):

@@ -168,7 +168,7 @@ class BoardPictures:
         """Add a view of the board from a picture taken with the chain's joints at q (dof,).
 
         Raises:
-            PictureError: The picture has another size than the first one.
+            PictureError: The picture has another size than the first picture.
             FileWriteError: The picture cannot be kept in the folder.
         """
         if self.views and view.size != self.views[0].size:
@@ -207,7 +207,7 @@ class BoardPictures:
         """Estimate camera and arm; see ``CameraResult``.
 
         ``missed`` pictures do not show the board. If the user held the arm (``by_hand``), several
-        fractions of its weight are tried; the one that best predicts left-out pictures is used.
+        fractions of its weight are tried; the best predictor of left-out pictures is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.
@@ -353,7 +353,7 @@ class CameraCalibration:
         """Take a picture of the resting arm.
 
         Raises:
-            CalibrationError: The camera delivers no picture, or the same one again, or its
+            CalibrationError: The camera delivers no picture or the same picture again, or its
                 brightness never settles.
         """
         clock = self._arm.clock

@@ -1,4 +1,4 @@
-"""A folder with pictures of a board and the joints at each picture, for a later estimate."""
+"""A folder with pictures of a board and the joints in each picture, for a later estimate."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class TipZero:
         shift_rad: The correction of the joint: its true angle minus its measured angle.
         off_m: The distance of the last click from the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
-        others_deg: The deviation of each click from the mean, the latest ones last.
+        others_deg: The deviation of each click from the mean, the latest clicks last.
         counts: Whether each click is used; a click too far from two or more others is not.
         are_apart: Whether there are only two clicks, and they differ by more than click errors.
         error_deg: The standard error of the zero.
@@ -168,7 +168,7 @@ def find_tip_zero(
 
 
 def save_tip_zero(arm: Arm, found: TipZero) -> Path:
-    """Save a zero, and return the file; ``undo_calibration`` undoes it.
+    """Save a zero, and return the file; ``undo_calibration`` undoes this.
 
     Raises:
         CalibrationError: The calibration has changed since the click.

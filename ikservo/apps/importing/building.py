@@ -219,7 +219,7 @@ def _add_servos(
 
 
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Set a joint's limits to those of the user, or else reduce them to the range of a servo."""
+    """Set a joint's limits as the user gave them, or else reduce them to the range of a servo."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"

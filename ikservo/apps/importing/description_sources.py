@@ -40,7 +40,7 @@ class Description:
 
 
 def choose_description(source: Path, name: str | None = None) -> Path:
-    """Choose the description: a file, or the only one in a folder whose path ends in ``name``.
+    """Choose the description: a file, or the only file in a folder whose path ends in ``name``.
 
     Raises:
         InputError: There is no such file, or there are several; the message lists them.

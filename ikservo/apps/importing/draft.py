@@ -48,7 +48,7 @@ class DraftJoint:
     Attributes:
         name: The name in the URDF.
         is_gripper: Whether it moves the jaws.
-        servos: The first servo, and further ones that drive the joint together with it.
+        servos: The first servo, and further servos that drive the joint together with it.
         m_per_turn: Metres per turn of the servo; None for a joint that turns.
     """
 

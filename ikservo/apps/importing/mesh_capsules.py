@@ -373,7 +373,7 @@ def _best_thickness(
 ) -> tuple[float, float]:
     """Find the best thickness of a capsule along an axis around points.
 
-    The thinnest capsule ends a whole radius beyond a flat end; a thicker one ends closer.
+    The thinnest capsule ends a whole radius beyond a flat end; a thicker capsule ends closer.
 
     Returns:
         The approximate excess [m] of that capsule, and its radius as a multiple of the smallest.

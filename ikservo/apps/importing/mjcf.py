@@ -248,7 +248,7 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
 
     Bodies and sites become links; each further joint of a body gets a separate link. A robot with a
     free base is fixed at its initial pose; loose objects are left out. The names of all files are
-    checked first, so that no file outside ``folder``, by default that of the MJCF, is opened.
+    checked first, so that no file outside ``folder``, by default the folder of the MJCF, is opened.
 
     Raises:
         FileFormatError: A file is outside the folder, MuJoCo refuses the model, or the model has a

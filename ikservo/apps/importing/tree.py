@@ -66,7 +66,7 @@ def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:
 def find_structures(
     urdf: Urdf, tips: Sequence[str] = (), gripper: str | None = None
 ) -> list[Structure]:
-    """Find the arms of a tree: one for each tip, or the only one.
+    """Find the arms of a tree: one arm for each tip, or the only arm.
 
     An empty ``gripper`` means no jaws. If it is None, jaws are searched for; if there are no
     ``tips``, the tip is searched for.
@@ -162,7 +162,7 @@ def _jaws(urdf: Urdf) -> list[str]:
 
 
 def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
-    """Check whether a joint is a wrist: it carries a tool, or it turns a "hand" too far for jaws.
+    """Check whether a joint is a wrist: it carries a tool, or is a "hand" that turns too far.
 
     The range is ignored for other names of jaws, because some programs export ±180° for all joints.
     """
@@ -211,10 +211,10 @@ def below(urdf: Urdf, base: str) -> tuple[Urdf, list[str]]:
 
 
 def fix_joints(urdf: Urdf, kept: Collection[str]) -> tuple[Urdf, dict[str, float]]:
-    """Fix all joints except the given ones and their followers, at zero or the nearest limit.
+    """Fix all joints except the given joints and their mimics, at zero or the nearest limit.
 
     Returns:
-        The tree, and the positions [rad or m] of the fixed joints that follow no other.
+        The tree, and the positions [rad or m] of the fixed joints that mimic no other joint.
     """
     positions = {
         joint.name: min(max(0.0, joint.lower), joint.upper)

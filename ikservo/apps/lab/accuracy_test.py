@@ -204,8 +204,8 @@ class AccuracyTest:
 
     Attributes:
         cube: The cube of the test.
-        top_speed_m_s: Tip speed that counts as 100 %: the highest that the joints allow on both
-            paths; 0 until known.
+        top_speed_m_s: Tip speed that counts as 100 %: the highest speed that the joints allow on
+            both paths; 0 until known.
         poses: Pose accuracy and repeatability.
         directions: Multi-directional pose accuracy variation.
         paths: Path accuracy and repeatability.

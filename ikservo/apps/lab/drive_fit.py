@@ -60,8 +60,8 @@ class JointPrior:
         nominal_v: The supply voltage for which these figures hold.
         per_horn_rad: Motion of the joint per rad of the horns.
         full_duty_share: Relative standard deviation of the torque at full duty.
-        gain: The present P gain, as a fraction of that of the servo's model; None if it was not
-            read.
+        gain: The present P gain, as a fraction of the usual P gain of the servo's model; None if
+            it was not read.
     """
 
     servo: ServoTorque
@@ -273,7 +273,7 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
 
 
 def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
-    """Choose between two speeds (m, 2) of the motor in each sample, given those of the joint (m,).
+    """Choose between two speeds (m, 2) of the motor in each sample, given the joint speeds (m,).
 
     The sequence with the least sum of differences from the joint's speed and between samples is
     returned (algorithm of Viterbi, 1967).
@@ -300,7 +300,7 @@ def fit_backlash(
     passes the same place both ways. A joint that falls through its balance is pushed one way and
     then the other in each swing, so the full backlash shows only near the balance, at the places
     with the largest difference. The combined error of R and kt is smaller than the error of either,
-    because they were fitted to motion with currents like those of a swing. Currents must have a
+    because they were fitted to motion with currents like the currents of a swing. Currents need a
     sign; the gears stay on one side if ``gravity``, the torque in each sample (m,), keeps its sign.
     """
     swings = _swings(recording, joint)

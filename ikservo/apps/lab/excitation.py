@@ -83,7 +83,7 @@ class Excitation:
     Args:
         waypoints: The postures (k, n), rad or m, the start first.
         limits: The kinematic joint limits for each motion between two postures.
-        pauses_s: The pause before each motion, and one after the last.
+        pauses_s: The pause before each motion, and a pause after the last motion.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ def plan_excitation(
 def _draw_postures(
     context: ArmContext, dynamics: Dynamics, start: Vector, most: int
 ) -> list[Vector]:
-    """Return the start and the postures (n,) of a tour, each with a free path from the previous."""
+    """Return the start and the postures (n,) of a tour, each reachable from the previous one."""
     random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
     postures, way = [start], [start]
     # Information of the postures about the scale of each mass and the payload.

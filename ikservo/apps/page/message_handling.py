@@ -54,7 +54,7 @@ Handler = Callable[[Any, Client], None]
 
 
 class SessionController:
-    """Handles the messages of all clients; one of them controls the arm (``SessionBackend``).
+    """Handles the messages of all clients; one client controls the arm (``SessionBackend``).
 
     Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
 
@@ -427,7 +427,7 @@ class SessionController:
         return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
 
     def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
-        """Return the camera view of a client; refuse if it has none or the arm is not ready."""
+        """Return the camera view of a client; refuse if there is none or the arm is not ready."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
@@ -579,7 +579,7 @@ class SessionController:
         self._interaction.history.clear()
 
     def _grant_control(self, client: Client) -> None:
-        """Give control to a client; it starts at slow speed in the preview."""
+        """Give control to a client, which starts at slow speed in the preview."""
         client.lease = self._lease.acquire(f"page {client.number}", take_over=True).lease
         self._fallback = None
         self._stop_session()

@@ -66,7 +66,7 @@ class ViewUrls:
     Attributes:
         control: The URL with the key that permits moving the arm.
         watch: The URL with the key that permits watching.
-        fingerprint: SHA-256 of its certificate; empty for plain HTTP.
+        fingerprint: SHA-256 of the server's certificate; empty for plain HTTP.
         warnings: Warnings about the address.
     """
 

@@ -154,7 +154,7 @@ def arm_frame(
 
 
 def known_poses(arm: Arm) -> list[str]:
-    """Return the names of the arm's poses, without taught ones if their file is damaged."""
+    """Return the names of the arm's poses, without taught poses if their file is damaged."""
     try:
         return list(arm.poses.all_poses())
     except IkservoError:

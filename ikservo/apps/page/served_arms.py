@@ -67,7 +67,7 @@ class ViewSettings:
     Attributes:
         open_arm: Opens an arm at a port.
         clock: The time of heartbeats.
-        downloads: Takes the files that pages ask for.
+        downloads: Stores the files that pages request.
         dead_man_s: The time for which an arm follows without a heartbeat of its page.
         cameras: The cameras of the page; None for no camera.
     """
@@ -80,7 +80,7 @@ class ViewSettings:
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return the names of arms on a page: the model's, numbered from the second arm on."""
+    """Return the names of arms on a page: model names, numbered from a model's second arm on."""
     names, known = list[str](), set(taken)
     for stem in models:
         numbered = (f"{stem}-{i}" for i in itertools.count(2))
@@ -93,7 +93,7 @@ class ServedArm:
     """One arm of the page, and the backend of the pages that show it (``SessionBackend``).
 
     Args:
-        name: Unique among the arms of the page.
+        name: The name, unique among the arms of the page.
         place: The arm and its port.
         settings: The settings that all arms share.
         find_arm: Finds another arm of the page, to be followed.
@@ -101,7 +101,7 @@ class ServedArm:
 
     Attributes:
         state: State of the arm; written by the thread that opens it, then by the server's thread.
-        error: The reason why it could not be opened.
+        error: The reason why the arm could not be opened.
         arm_thread: Owns the arm; exists while it is open.
         controller: Handles the clients; exists while the arm is open.
         cameras: The cameras that the arm may show; None if it has none.
@@ -184,7 +184,7 @@ class ServedArm:
     ) -> None:
         """Make this arm and another arm of the page obstacles to each other.
 
-        ``at_m`` (3,) and ``rpy_deg`` (3,) place its base frame in that of this arm.
+        ``at_m`` (3,) and ``rpy_deg`` (3,) place the other arm in the base frame of this arm.
 
         Raises:
             InputError: No other arm of that name is open, or it is moving.
@@ -248,7 +248,7 @@ class ServedArm:
 
     @property
     def port_name(self) -> str:
-        """The port's name without the options of a simulated one."""
+        """The port's name without the options of a simulated port."""
         name = self.arm_thread.arm.port_name if self.is_open else self.place.port
         return (name or "").partition("?")[0].partition(":/")[0].rstrip(":")
 
@@ -336,7 +336,7 @@ class ServedArms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
     def check_free(self, place: ArmAtPort) -> None:
-        """Check that no open arm uses a port, and forget failed attempts to open one there.
+        """Check that no open arm uses a port, and forget failed attempts to open an arm there.
 
         Raises:
             BadMessageError: The port is already in use here.

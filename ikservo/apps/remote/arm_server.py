@@ -200,7 +200,7 @@ class ArmServer:
                 return self._move(service, request)
 
     def _move(self, service: str, request: ServiceRequest) -> object:
-        """Run a request that may move the arm; refuse invalid ones before the lease changes."""
+        """Run a request that may move the arm; refuse an invalid one before the lease changes."""
         progress = bool(request.arguments.pop("progress", False))
         on_progress = self._publish_progress() if progress else None
         if service in ("move", "execute"):

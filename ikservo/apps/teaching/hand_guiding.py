@@ -3,8 +3,8 @@
 Each servo stays in position mode: a goal that leads its joint by the sag under gravity makes the
 servo hold with just the torque of gravity. Each joint has an anchor, which stays until the hand has
 moved the joint by a small angle from it, and then follows at that distance. The torque is therefore
-that of gravity plus at most the stiffness times that angle, and an arm that nobody touches stays at
-rest.
+the torque of gravity plus at most the stiffness times that angle, and an arm that nobody touches
+stays at rest.
 
 Current or duty modes would need an EEPROM write on a Dynamixel, and the arm would fall if the
 program were killed. In position mode it holds.

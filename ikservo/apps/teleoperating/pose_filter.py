@@ -167,7 +167,7 @@ class PoseFilter:
         chain: The arm, with its own limits.
         approach_axis: The tool axis (3,), in the coordinates of the tip.
         limits: The kinematic limits of each joint.
-        scale: The scale from the motion of the hand to that of the tip, 0.25 to 2.
+        scale: The scale from the motion of the hand to the motion of the tip, 0.25 to 2.
 
     Attributes:
         wanted: The wanted pose T_base_tip (4, 4); None while the clutch is open.
@@ -211,7 +211,7 @@ class PoseFilter:
 
     @property
     def scale(self) -> float:
-        """The scale from the motion of the hand to that of the tip; a change opens the clutch."""
+        """The scale from the hand's motion to the tip's motion; a change opens the clutch."""
         return self._scale
 
     @scale.setter

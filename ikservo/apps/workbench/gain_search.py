@@ -372,7 +372,7 @@ def try_gains(
 def try_steps(
     arm: Arm, servo: ServoSpec, given: Mapping[Register, int], step_rad: float, *, suggest: bool
 ) -> list[Trial]:
-    """Return step responses with the present gains, the given gains, and those of a search.
+    """Return step responses with the present gains, the given gains, and gains from a search.
 
     Raises:
         IkservoError: The errors of ``measure_response``; the present gains are restored.

@@ -288,7 +288,7 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
 def _search_places(
     table: type[ControlTable], rate: int, before: Sequence[FoundServo], attempt: int
 ) -> list[Place]:
-    """Return the rates and framings to scan next, beginning with those of the last replies.
+    """Return the rates and framings to scan next, beginning with the rates of the last replies.
 
     A servo that has replied is thus confirmed at once, without the long search at all rates.
     """

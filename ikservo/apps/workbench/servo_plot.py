@@ -86,7 +86,7 @@ def show_plot(
 ) -> None:
     """Print registers of servos until Ctrl-C: curves on a terminal, CSV or JSON for programs.
 
-    Registers have the vendor's or the common names; without names, those of motion are shown.
+    Registers have the vendor's or the common names; by default, the registers of motion.
 
     Raises:
         UnknownNameError: A model has no such register.

@@ -238,7 +238,7 @@ def find_register(table: type[ControlTable], name: str) -> Register:
 
 
 def register_names(model_name: str | None) -> list[str]:
-    """Return a model's register names, or those of all known models if it is unknown or None."""
+    """Return a model's register names, or the names of all known models if it is unknown."""
     tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
     return sorted({name for table in tables for name in table.registers})
 
@@ -283,7 +283,7 @@ def parse_register_value(register: Register, text: str) -> int:
     """Parse a value: a plain integer is the raw number, a number with a unit is a quantity.
 
     Raises:
-        InputError: The text is not a number, or the unit is not that of the register.
+        InputError: The text is not a number, or the unit does not fit the register.
     """
     if re.fullmatch(r"[+-]?[0-9]{1,12}|0[xX][0-9a-fA-F]{1,9}", text):
         return int(text, 0) if "x" in text.lower() else int(text)
@@ -349,7 +349,7 @@ def write_registers(
         ServoRejectedError: A number was not stored.
         InputError: The new id belongs to another servo.
         BusError: The servo does not reply.
-        StoppedError: Another program has stopped this one.
+        StoppedError: Another program has stopped this program.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
     bus, table = line.bus, servo.table

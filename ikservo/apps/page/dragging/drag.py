@@ -200,7 +200,7 @@ class _GrabbedPoint:
     Attributes:
         frame: The link that q moves and that carries the grabbed link, which may be a jaw.
         offset_m: The point (3,) in that link's coordinates.
-        depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
+        depth_m: Depth [m] of the plane parallel to the screen in which the point is dragged.
         offset_px: Offset (2,) from the pixel of the point to the pointer.
         surface: The surface, if any, on which the tip is dragged instead of in that plane.
     """
@@ -385,7 +385,7 @@ class Drag:
     def wheel(
         self, px: ArrayLike, notches: float, context: PointerContext, *, fine: bool = False
     ) -> DragCommand | None:
-        """Move the joint at a pixel (2,) by 1° (a prismatic one by 1 mm) per notch."""
+        """Move the joint at a pixel (2,) by 1° (a prismatic joint by 1 mm) per notch."""
         at = np.asarray(px, dtype=np.float64)
         dial = self._hit_tester.joint_at(at, context, self._link_under(at, context))
         if dial is None or self.is_busy:

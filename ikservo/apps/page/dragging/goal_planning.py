@@ -97,7 +97,7 @@ class PlanRequest:
         """Return whether the only change is that a limp arm sank a little.
 
         For a joint outside its limits, even a few ticks count, because the guard may not let it
-        move back to the start of the plan. Plans of several motions also allow it for an arm
+        move back to the start of the plan. Plans of several motions also allow this for an arm
         that is not limp, because a resting arm may move within its backlash.
         """
         there = copy(self)
@@ -238,9 +238,9 @@ class GoalPlanner:
         self.path: PlannedPath | None = None
 
     def update(self, request: PlanRequest | None, now_s: float) -> None:
-        """Plan the present request unless it was already planned, and drop an obsolete one.
+        """Plan the present request unless it was already planned, and drop an obsolete request.
 
-        During a drag the path to the previous goal is kept until the next one is planned.
+        During a drag the path to the previous goal is kept until the next path is planned.
         """
         if self._collect_result(request):
             return

@@ -301,7 +301,7 @@ class Interaction:
         self.goal = goal
 
     def pose(self, name: str, snapshot: ArmSnapshot) -> None:
-        """Set a named pose as goal, clipped to this arm's limits.
+        """Set a named pose as the goal, clipped to this arm's limits.
 
         Raises:
             UnknownNameError: The arm has no pose of that name.

@@ -14,7 +14,7 @@ from ikservo.maintenance.dialogue import HandRequest, Question
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmCommand:
-    """The command of the client in control; a new one replaces the last.
+    """The command of the client in control; a new command replaces the last one.
 
     Attributes:
         live: Whether the arm follows the goal.
@@ -37,7 +37,7 @@ class LogEntry:
 
     Attributes:
         time_s: The time, by the clock of the page.
-        message: The event.
+        message: The text of the message.
         level: ``bad`` for a problem, empty for information.
     """
 
@@ -66,7 +66,7 @@ class GoalRefusal:
 
 @dataclass(frozen=True, slots=True)
 class StopNotice:
-    """The reason why the arm holds until a user acknowledges it, as the command line formats it."""
+    """The reason for a stop that a user must acknowledge, formatted as on the command line."""
 
     message: str
     hint: str = ""

@@ -92,14 +92,14 @@ class DragTool(PageMessage):
 
 
 class TrackHand(PageMessage):
-    """The pose of a hand or phone, in axes parallel to those of the base frame.
+    """The pose of a hand or phone, in axes parallel to the axes of the base frame.
 
     Attributes:
         position: The position (3,) from any origin, metres.
         rotation: The orientation as a quaternion w, x, y, z.
         held: Whether the tip moves with the hand.
         clutch: The number of the press that closes the clutch; each press has a new number.
-        scale: The scale from the motion of the hand to that of the tip.
+        scale: The scale from the motion of the hand to the motion of the tip.
         stamp: The page's time, which the server returns once the arm has received the pose.
     """
 
@@ -139,7 +139,7 @@ class SelectBehind(PageMessage):
 
 
 class OrbitCamera(PageMessage):
-    """Orbit or pan the camera by pixels of dragging, or zoom.
+    """Orbit or pan the camera by a drag in pixels, or zoom.
 
     Attributes:
         at: The pixel about which to zoom; None for the middle.
@@ -159,7 +159,7 @@ class FitView(PageMessage):
 
 
 class Undo(PageMessage):
-    """Restore the previous target, or with ``redo`` the one that was undone."""
+    """Restore the previous target, or with ``redo`` the target that was undone."""
 
     kind: Literal["undo"]
     redo: bool = False

@@ -40,7 +40,7 @@ class RunMotion:
         """Execute the motion. If it is refused before the arm moves, nothing has to be stopped.
 
         Raises:
-            IkservoError: The motion failed; the arm holds until that is acknowledged.
+            IkservoError: The motion failed; the arm holds until the failure is acknowledged.
         """
         with refusals_logged(arm, observer):
             arm.execute(self._motion, observer.on_progress)

@@ -56,7 +56,7 @@ class CameraView:
         tip_clicks: The number of clicks.
 
     Raises:
-        CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
+        CalibrationError: The arm has no calibrated camera, or was calibrated with another camera.
         FileFormatError: A file about the camera is damaged.
     """
 

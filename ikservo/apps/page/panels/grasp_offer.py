@@ -25,7 +25,7 @@ HEADING = "What to pick up"
 
 @dataclass(slots=True, eq=False)
 class _GraspChoice:
-    """The thing or place that the user chose; any change of the values ``before`` withdraws it.
+    """The thing or place that the user chose; any change of ``before`` withdraws the choice.
 
     ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key`` is
     the goal in plan requests; it only distinguishes this choice from others.
@@ -40,7 +40,7 @@ class _GraspChoice:
 
 
 class GraspOffer:
-    """The pick or place that was chosen last; ``GoalPlanner`` searches for it in its own thread.
+    """The pick or place that was chosen last; ``GoalPlanner`` plans it in its own thread.
 
     Args:
         arm_thread: Owns the arm.

@@ -204,7 +204,7 @@ class _Watch:
         return self._violation is None
 
     def ended(self, end: GoalEnd, why: str) -> None:
-        """End the goal; the arm is at rest, or another goal has replaced this one."""
+        """End the goal; the arm is at rest, or another goal has replaced this goal."""
         if end is GoalEnd.ARRIVED:
             try:
                 self._violation = self._check_end(self._arm.where().positions)
