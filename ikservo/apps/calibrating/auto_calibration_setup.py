@@ -74,7 +74,7 @@ def configure_encoders(
 
     Raises:
         CalibrationError: A joint would cross a wrap-around that no setting can move.
-        IkservoError: A servo cannot be written; nothing is changed, or the hint says how to go on.
+        IkservoError: A servo cannot be written; nothing is changed, or the hint says what to do.
     """
     subjects = tuple(_widen_range(subject, state) for subject in state.subjects)
     names = frozenset(subject.name for subject in subjects)

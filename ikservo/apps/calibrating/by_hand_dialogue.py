@@ -87,7 +87,7 @@ class CalibrationOptions:
         """Check the options before torque is switched off.
 
         Raises:
-            CalibrationError: A range set by the user does not intersect the arm file's.
+            CalibrationError: A range set by the user does not intersect the range in the arm file.
             UnknownNameError: There is no such pose or joint.
         """
         model.pose(self.pose)

@@ -134,7 +134,7 @@ class TorqueOffArm:
         """Switch torque off; the user must hold the arm.
 
         Raises:
-            BusError: A servo does not reply; the others are off.
+            BusError: A servo does not reply; the torque of the other servos is off.
         """
         for error in torque_off(self.bus, self.bus.servos).values():
             raise error

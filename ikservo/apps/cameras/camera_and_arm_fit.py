@@ -197,7 +197,7 @@ class CameraFit:
         covariance: The covariance of the six numbers of each pose, the scale, the lens, zeros,
             compliances and half plays.
         asked: Whether each parameter of the covariance was requested.
-        free: Whether the samples determine each parameter; the others are unchanged.
+        free: Whether the samples determine each parameter; other parameters are unchanged.
     """
 
     bending: Bending
@@ -487,7 +487,8 @@ class _Problem:
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
         """Estimate the standard deviations of the four components by leave-one-out prediction.
 
-        For a sample far from the others, the residual is too small, because the fit follows it.
+        For a sample far from all others, the residual is too small, because the fit follows the
+        sample.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)
         squares = self.left_out(state, sigma, weight) ** 2 - noise

@@ -55,7 +55,7 @@ class TipZero:
         off_m: The distance of the last click from the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
         others_deg: The deviation of each click from the mean, the latest clicks last.
-        counts: Whether each click is used; a click too far from two or more others is not.
+        counts: Whether each click is used; a click too far from two or more others is ignored.
         are_apart: Whether there are only two clicks, and they differ by more than click errors.
         error_deg: The standard error of the zero.
         error_m: The standard error of the tip that remains.

@@ -121,7 +121,7 @@ def read_foreign(
     """Read a foreign description, but not the meshes that it names.
 
     Only files in ``folder`` are read. Without it, only files in the folder of the description's
-    package are read, or else those in the description's own folder.
+    package are read, or, without a package, files in the description's own folder.
 
     Raises:
         FileFormatError: The description cannot be used; the message names the place and the cause.

@@ -80,7 +80,7 @@ class Validation:
 
     @property
     def is_better(self) -> bool:
-        """Whether the identified parameters predict better than those from the tables."""
+        """Whether the identified parameters predict better than the parameters from the tables."""
         return self.identified < self.nominal
 
 

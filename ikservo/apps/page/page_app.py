@@ -91,7 +91,7 @@ class ViewApp:
         cameras: See ``PageCameras``.
         camera_name: See ``PageCameras``.
         servos: The port of the servos that the page shows instead of arms, and their arm.
-        offered_port: A port that the list of arms offers besides those that it finds.
+        offered_port: A port that the list of arms offers in addition to the ports that it finds.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class ViewApp:
         self._exits = ExitStack()
 
     def __enter__(self) -> ViewUrls:
-        """Open the arms and the address; an arm that cannot be opened does not affect the others.
+        """Open the arms and the address; an arm that cannot be opened does not affect other arms.
 
         Raises:
             IkservoError: None of the arms can be opened, or the address cannot be used.

@@ -303,7 +303,7 @@ class ServedArms:
         return self._settings.cameras.names if self._settings.cameras else []
 
     def all(self) -> list[ServedArm]:
-        """Return every arm in the order of opening, including those that could not be opened."""
+        """Return every arm in the order of opening, including arms that could not be opened."""
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:
@@ -316,7 +316,7 @@ class ServedArms:
         return None if found is None else found.arm_thread
 
     def open_all(self, places: Sequence[ArmAtPort]) -> None:
-        """Open arms and wait for them; those that cannot be opened stay in the list.
+        """Open arms and wait for them; arms that cannot be opened stay in the list.
 
         Raises:
             IkservoError: The first error, if no arm could be opened, or an arm with a given place

@@ -24,7 +24,7 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
 
     Raises:
         InputError: The arm has other joints.
-        IkservoError: The answer is from another version.
+        IkservoError: The answer is from another version of ikservo.
     """
     said = parse_result(dict[str, object], connection.watch("describe"))
     known = {each.name for each in fields(ArmDescription)}  # a newer version may have more fields

@@ -153,7 +153,7 @@ def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
 
 
 def who_asks() -> str:
-    """Return the user and machine of this program, as shown to others."""
+    """Return the user and machine of this program, as shown to other users."""
     try:
         user = getpass.getuser()
     except (ImportError, KeyError, OSError):  # an account without a name

@@ -66,8 +66,8 @@ class TrackedPose:
     """A pose of a hand or tracker.
 
     Attributes:
-        pose: The pose T_source_hand (4, 4), metres. The axes of the source are parallel to those
-            of the arm's base frame; its origin may be anywhere.
+        pose: The pose T_source_hand (4, 4), metres. The axes of the source are parallel to the
+            axes of the arm's base frame; its origin may be anywhere.
         held: Whether the clutch is closed; the arm moves with the hand only while it is closed.
         opening: The opening of the gripper, from 0 (closed) to 1 (open); None: no change.
 

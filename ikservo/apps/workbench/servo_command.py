@@ -360,7 +360,7 @@ def tune(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Move a joint quickly with its present gains and with others, and compare the responses.
+    """Move a joint quickly with its present gains and other gains, and compare the responses.
 
     ikservo servo tune --suggest --arm so101 --id elbow_flex
     """

@@ -83,7 +83,7 @@ class ServoLine:
         return found[0]
 
     def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
-        """Return the line with the given ids in place of those in the arm file."""
+        """Return the line with the given ids instead of the ids in the arm file."""
         specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
         bus = ServoBus(self.bus.port, specs)
         bus.backup_owner = self.bus.backup_owner
@@ -100,7 +100,7 @@ def open_servos(
     baud_rate: int | None = None,
     on_step: OnScanStep | None = None,
 ) -> Generator[ServoLine]:
-    """Open the servos of an arm, or those that reply on a line; a signal waits for a running write.
+    """Open the servos of an arm, or all that reply on a line; signals wait for a running write.
 
     Without an arm, servos are searched for: at one id and baud rate, or at all known ones. Their
     table is ``table``, if given.

@@ -52,7 +52,7 @@ class DragSolution:
 
     Attributes:
         q: Joints (dof,), inside the limits.
-        marker: The target and how near the goal comes to it; None without a target.
+        marker: The target, and the point that the goal reaches; None without a target.
         settled: Whether solving the same command again brings no further progress.
         text: Progress of a chosen method; empty for ``auto``.
     """
@@ -156,7 +156,7 @@ class DragSolver:
         return DragSolution(q, _make_marker(command.target, found), settled, text)
 
     def _posture_for(self, target: Target) -> Posture | None:
-        """Return the posture for the joints that move the target's frame; the others stay."""
+        """Return the posture for the joints that move the target's frame; other joints stay."""
         if self.posture is None or target.frame is None:
             return self.posture
         moving = {step.column for step in self._chain.joints_to(target.frame) if step.scale}

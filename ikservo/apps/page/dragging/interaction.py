@@ -194,7 +194,7 @@ class Interaction:
         self.revision += 1
 
     def set_joint(self, joint: str, value: float, snapshot: ArmSnapshot) -> None:
-        """Set the goal of one joint, degrees or mm; the others keep theirs.
+        """Set the goal of one joint, degrees or mm; other joints keep their goals.
 
         Raises:
             UnknownNameError: There is no such joint.

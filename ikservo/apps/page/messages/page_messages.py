@@ -298,7 +298,7 @@ class JogJoint(PageMessage):
 
 
 class SetTool(PageMessage):
-    """Set one coordinate of the tool [mm] or angle [degrees]; the others stay if possible."""
+    """Set one coordinate of the tool [mm] or angle [degrees]; other values stay if possible."""
 
     kind: Literal["set_tool"]
     what: ToolValue

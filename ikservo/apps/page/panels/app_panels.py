@@ -56,7 +56,7 @@ class AppPanels:
         self._updated_s = -math.inf
 
     def frames(self, client: Client, own: Mapping[str, Panel]) -> list[Frame]:
-        """Return the page's ``own`` panels and those of all apps if they are new for a client."""
+        """Return the page's ``own`` panels and the panels of all apps, if new for a client."""
         now_s = self._clock.now_s()
         if self._places and now_s - self._updated_s >= _PERIOD_S:
             self._updated_s = now_s

@@ -28,7 +28,7 @@ class _GraspChoice:
     """The thing or place that the user chose; any change of ``before`` withdraws the choice.
 
     ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key`` is
-    the goal in plan requests; it only distinguishes this choice from others.
+    the goal in plan requests; it only distinguishes this choice from other choices.
     """
 
     before: object

@@ -273,7 +273,7 @@ class _WebSocketHandler(Generic[_MessageT]):
     async def _write_frames(self, state: _ClientState[_MessageT]) -> None:
         """Send new frames whenever a scene was drawn, one per refresh of the screen.
 
-        Only the changed fields of scenes and status are sent; the page keeps the others. Scenes are
+        Only the changed fields of scenes and status are sent; the page keeps the rest. Scenes are
         numbered, so that the age of replies is known.
         """
         loop = asyncio.get_running_loop()

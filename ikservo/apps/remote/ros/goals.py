@@ -115,7 +115,7 @@ class TrajectoryGoal:
         return dict(zip(self._names, values.tolist(), strict=True))
 
     def has_ended(self, now_s: float) -> bool:
-        """Check whether the duration of the trajectory is over."""
+        """Check whether the trajectory has ended."""
         return self.late_s(now_s) >= 0.0
 
 
