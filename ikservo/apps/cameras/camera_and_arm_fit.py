@@ -487,8 +487,7 @@ class _Problem:
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
         """Estimate the standard deviations of the four components by leave-one-out prediction.
 
-        For a sample far from all others, the residual is too small, because the fit follows the
-        sample.
+        For a sample far from all others, the residual is too small: the fit follows the sample.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)
         squares = self.left_out(state, sigma, weight) ** 2 - noise

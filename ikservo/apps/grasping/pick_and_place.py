@@ -228,7 +228,7 @@ class Place(OwnMotion[GraspResult]):
         return self.plan(context, start)[1].goal
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
-        """Put down the thing by ``steps`` of ``plan``; raise if the gripper holds nothing."""
+        """Put down the thing by the ``steps`` of a plan; raise if the gripper holds nothing."""
         grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
         if not _run(arm, steps[:2], on_progress).grasped:
             grip.T_thing_tip = None
@@ -399,7 +399,7 @@ class _GraspPlanner:
         return make_pose(tip_m, R)
 
     def level_rolls(self, R: Matrix, pitch_rad: float, side_rad: float | None) -> list[float]:
-        """Return the rolls at which the jaws of a tool (3, 3) are level and close along a side."""
+        """Return the rolls at which a tool (3, 3) has level jaws that close along ``side_rad``."""
         heading_rad = self.tool.heading_rad(R) or 0.0
         turned = [self.tool.rotation(heading_rad, pitch_rad, roll) for roll in _ROLLS_RAD]
         x, y, z = (np.array(turned) @ self.jaws.axis).T

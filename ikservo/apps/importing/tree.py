@@ -143,7 +143,7 @@ def _word_rank(name: str) -> int:
 
 
 def _jaws(urdf: Urdf) -> list[str]:
-    """Return the joints that look like jaws: named like jaws, at the end of their branch."""
+    """Return the joints that seem to be jaws: named like jaws, at the end of their branch."""
     movable = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
     leaders = {joint.mimic.joint for joint in movable.values() if joint.mimic}
     above = moving_joints(urdf)

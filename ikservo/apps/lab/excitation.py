@@ -127,8 +127,7 @@ def plan_excitation(
     """Plan a tour of postures whose gravity torques identify the masses.
 
     Postures are drawn within the limits, with room around the body and free paths between them. Of
-    several candidates, the one that adds the most information about the masses is taken
-    (D-optimality).
+    several, the one that adds the most information about the masses is taken (D-optimality).
     The tour runs at the speed ``slow`` back and forth, because friction shows as the difference
     between both directions; a part of the tour is repeated more slowly. It starts and ends at the
     joints ``start`` (n,), rad or m.

@@ -25,7 +25,7 @@ class MotionCalls:
     """Requests plans and motions from the server of an arm.
 
     Attributes:
-        stop_request: Stops the arm, and tells which motions were requested before a stop.
+        stop_request: Stops the arm, and shows which motions were requested before a stop.
     """
 
     def __init__(self, connection: Connection) -> None:

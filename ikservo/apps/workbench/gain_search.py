@@ -355,7 +355,7 @@ def try_gains(
     try_one: Callable[[Mapping[Register, int]], _Tried],
     search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
 ) -> list[_Tried]:
-    """Return trials of the present gains, of the given gains, and of a search.
+    """Return trials of the present gains, of the given gains, and of gains from a search.
 
     The present gains are restored at the end, even after an error.
     """

@@ -54,8 +54,7 @@ class Interaction:
         path: The path to the goal in the preview; None if there is none.
         refusal: The reason why the guard refuses the goal; None if the goal is allowed.
         hover: The link that a press would grab.
-        under: Everything under the pointer; None stands for the plane in which a click moves the
-            tip.
+        under: Everything under the pointer; None is the plane in which a click moves the tip.
         chosen: Index of the thing under the pointer that a press selects.
         solve_s: Duration of the last solve.
         solver_text: Progress of a chosen solver method in the current drag.
