@@ -1,4 +1,4 @@
-"""The operations of an agent on an arm: read, plan, execute, stop; independent of the protocol."""
+"""Operations that an agent may perform on an arm: read, plan, execute, stop; for any protocol."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _PERSON_ENDS_STOP = (
 
 
 class AgentArm:
-    """An arm as an agent may use it, within the owner's permissions; safe in any thread.
+    """An arm that an agent may use within its owner's permissions; thread-safe.
 
     The methods raise an ``IkservoError`` if something cannot be read, planned or executed, if the
     owner or a person does not allow it, or if the journal cannot be written. The arm then holds.
@@ -123,7 +123,7 @@ class AgentArm:
         return list(reversed(self._refusals))
 
     def note_error(self, tool: str, error: IkservoError) -> None:
-        """Keep an error for ``explain``, and write it to the journal."""
+        """Store an error for ``explain``, and write it to the journal."""
         names = ("target_m", "nearest_m", "instead_m", "binding", "along_m")
         details = {name: getattr(error, name) for name in names if getattr(error, name, None)}
         kind, words = type(error).__name__, quoted(error.message, _MAX_WORDS)
@@ -140,7 +140,7 @@ class AgentArm:
         return self._offer(OfferedPlan([motion], plan, [_summary(motion, plan)], stops))
 
     def check_program(self, text: str) -> res.CheckedProgram:
-        """Plan each step of a program, and offer it if all are possible."""
+        """Plan each step of a program; if all are possible, offer the program for execution."""
         program = find_part("program")(text)
         if not program.is_sequence:
             raise RefusedError(
@@ -173,7 +173,7 @@ class AgentArm:
         return res.CheckedProgram(steps=tuple(steps), plan=self._offer(offered))
 
     def _plan_step(self, motion: MotionValue[Any], planned: PlannedStart) -> str:
-        """Plan a step of a program; the next step then starts at its end. Return any error."""
+        """Plan a step of a program; the next step starts where this step ends. Return any error."""
         preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
         try:
             if isinstance(motion, MoveGripper | Wait):
@@ -251,14 +251,14 @@ class AgentArm:
         return res.Execution(status="done", message="The motion has ended.", results=results)
 
     def _check_start(self, start: Vector | None) -> None:
-        """Refuse a program if the arm is not at the joint positions (n,) where it begins."""
+        """Refuse a program if the arm is not at the joint positions (n,) of the program's start."""
         runner, units = self.arm.runner, self.arm.context.units_per_rad()
         if start is None or (abs(runner.start_position() - start) <= _MAX_SUNK_RAD * units).all():
             return
         raise RefusedError("The arm is not where the program begins.", "Check the program again.")
 
     def _run(self, motion: MotionValue[Any], plan: MotionPlan | None) -> Mapping[str, Any]:
-        """Execute one motion, exactly as it was planned if there is a plan."""
+        """Execute one motion; if it has a plan, execute exactly that plan."""
         arm = self.arm
         if isinstance(motion, MoveGripper | Wait):
             result = arm.execute(motion)
@@ -333,7 +333,7 @@ class AgentArm:
         return self._last_picture or self.look()
 
     def point_of_pixel(self, u: float, v: float, height_m: float | None = None) -> res.SeenThing:
-        """Return the first point on the ray of a pixel (right, down), or its point at a height."""
+        """Return the first point that a pixel (right, down) sees, or the point at ``height_m``."""
         step = shrink_step(self.arm.camera.model().lens.size)
         u, v = step * u, step * v
         if height_m is not None:
@@ -344,7 +344,7 @@ class AgentArm:
 
 
 def hint_for_agent(error: IkservoError) -> str:
-    """Return the hint of an error, unless it names Python methods, which an agent does not have."""
+    """Return the hint of an error, unless it names Python methods, which an agent cannot call."""
     if isinstance(error, LatchedStopError):
         return _PERSON_ENDS_STOP
     return "" if "arm." in error.hint else error.hint

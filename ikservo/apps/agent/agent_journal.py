@@ -15,13 +15,13 @@ from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import FileWriteError, make_folder
 
 MAX_BYTES = 20_000_000
-"""Size at which a journal is full, bytes; without a journal entry, nothing moves."""
+"""Size at which a journal is full, bytes; if no entry can be written, the arm does not move."""
 
 _MAX_TEXT = 1000  # longest logged value, characters
 
 
 class AgentJournal:
-    """Appends lines to a new journal file; safe in any thread.
+    """Appends lines to a new journal file; thread-safe.
 
     Args:
         arm: The name of the arm, a part of the file's name.

@@ -20,16 +20,16 @@ LONGEST_SEARCH_S = 10.0
 
 
 class Consent(StrEnum):
-    """The person or permission on whose consent a motion depends."""
+    """The kind of consent that a motion needs before it is executed."""
 
     NOTHING = "nothing"
-    """Nobody: the agent reads and plans, and nothing moves."""
+    """No motion is allowed: the agent can only read and plan."""
     ASK = "ask"
     """A person allows each plan."""
     SIMULATOR = "simulator"
     """The owner allows every motion of a simulated arm."""
     SLOW = "slow"
-    """The owner allows slow motions in a region, up to a budget; a person allows the others."""
+    """The owner allows slow motions in a region, up to a budget; a person allows other motions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Allowance:
     """The owner's permissions, which no tool can change.
 
     Attributes:
-        consent: Who allows a motion.
+        consent: The kind of consent that a motion needs.
         within: The region in which the tip must stay, and other constraints on the tool.
         motions: Number of motions that are allowed without asking.
         minutes: Minutes from the start during which motions are allowed without asking.
@@ -69,7 +69,7 @@ class Allowance:
         """Return a motion with the owner's limits: it stays in the region and is never replanned.
 
         Raises:
-            RefusedError: The motion cannot be planned in advance, or not kept in the region.
+            RefusedError: The motion cannot be planned in advance, or cannot be kept in the region.
         """
         if isinstance(motion, OwnMotion):
             raise RefusedError(

@@ -1,4 +1,4 @@
-"""The page on which a person allows the plans of an agent; on this machine only."""
+"""Web page on which a person allows an agent's plans; only this machine can open the page."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def stored_address() -> str:
 
 
 def _make_app(agent: AgentArm, key: str, port: int) -> Starlette:
-    """Return the application; every request except the one for the page itself needs the key."""
+    """Return the application; every request needs the key, except the request for the page."""
     hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
 
     def checked(handle: Handler, *, needs_key: bool = True) -> Handler:

@@ -16,7 +16,7 @@ _PERIOD_S = 0.5
 
 
 def answer_in_terminal() -> None:
-    """Ask for each plan of the running server until it ends.
+    """Ask the user to allow each plan of the running server, until the server ends.
 
     Raises:
         InputError: No server is running.

@@ -71,7 +71,7 @@ def command(
     path: Annotated[PathOptions, Without("upright_rad", "keep_axis")],
     options: Annotated[MotionOptions, Without("dry_run", "json", "tip", "yes", "collision")],
 ) -> None:
-    """Serve an arm to a language model, which plans; a person allows each motion.
+    """Serve an arm to a language model, which plans motions; a person allows each motion.
 
     The model's program starts this command and speaks to it through standard input and output.
 

@@ -70,7 +70,7 @@ def make_server(agent: AgentArm) -> MCPServer[Any]:
 
 
 class ArmTools:
-    """The tools of the server. Each runs in a thread; only ``stop`` and ``where`` do not wait."""
+    """The server's tools, each in a thread; all but ``stop`` and ``where`` run one at a time."""
 
     def __init__(self, agent: AgentArm) -> None:
         self._agent, self._turn, self._waiting = agent, anyio.Lock(), 0
@@ -92,7 +92,7 @@ class ArmTools:
         return await self._use("plan", lambda: self._agent.plan(motion.parse()))
 
     async def plan_picture(self, plan_id: Name) -> Image:
-        """Draw a plan from above and from the side: grey now, blue at the end, orange the path."""
+        """Draw a plan from above and the side: arm now (grey), at the end (blue), path (orange)."""
         picture = await self._use("plan_picture", lambda: self._agent.picture_of(plan_id))
         return Image(data=picture, format="png")
 
@@ -119,7 +119,7 @@ class ArmTools:
         width_m: Annotated[Number, Field(ge=0)] | None = None,
         force: Annotated[Number, Field(gt=0, le=1)] | None = None,
     ) -> res.Execution:
-        """Open or close the gripper, or set its width; it holds a thing between its jaws."""
+        """Open or close the gripper, or set its width; closing grips a thing between the jaws."""
         offered = await self._use(
             "gripper", lambda: self._agent.plan(MoveGripper(to, width_m=width_m, force=force))
         )
@@ -160,13 +160,13 @@ class ArmTools:
     async def point_of_pixel(
         self, u: Number, v: Number, height_m: Number | None = None
     ) -> res.SeenThing:
-        """Find the first point that a pixel (u right, v down) sees, or the one at a height."""
+        """Find the first point that a pixel (u right, v down) sees, or the point at height_m."""
         return await self._use("point_of_pixel", lambda: self._agent.point_of_pixel(u, v, height_m))
 
     async def program_check(
         self, text: Annotated[str, Field(max_length=50_000)]
     ) -> res.CheckedProgram:
-        """Check a program (TOML: format, arm, [[steps]]); if it is possible, execute runs it."""
+        """Check a program (TOML: format, arm, [[steps]]); if it passes, execute can run it."""
         return await self._use("program_check", lambda: self._agent.check_program(text))
 
     async def description(self) -> dict[str, Any]:
@@ -188,9 +188,9 @@ class ArmTools:
         turn: anyio.Lock | None = None,
         watched: AnyContext | None = None,
     ) -> T:
-        """Run a tool's work when its turn comes, even after a cancellation; report its errors.
+        """Run a tool's work after earlier calls, even if the call is cancelled; report its errors.
 
-        A ``watched`` call moves the arm, and ends if the client stops answering.
+        A ``watched`` call moves the arm; its motion stops if the client no longer answers.
         """
         if self._waiting >= _MAX_WAITING:
             raise ToolError("The server is busy with too many calls. Call again later.")

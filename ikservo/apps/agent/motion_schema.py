@@ -1,4 +1,4 @@
-"""Arguments of the planning tool: a field for each kind of motion, typed and described."""
+"""Arguments of the planning tool: one field per kind of motion, with type and description."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def motion_arguments() -> type[MotionArguments]:
 
 @cache
 def _schema_of(kind: type[Any]) -> type[BaseModel]:
-    """Return the fields of a dataclass as a schema: types, defaults, and texts of its docstring."""
+    """Return the fields of a dataclass as a schema with types, defaults and descriptions."""
     hints, texts = get_type_hints(kind), _attribute_texts(kind)
     schema: dict[str, Any] = {}
     for each in fields(kind):

@@ -20,7 +20,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motion_plan import MotionPlan
 
 Picture = NDArray[np.uint8]
-"""Colours (h, w, 3), red first."""
+"""A picture: colours (h, w, 3), red first."""
 
 _SIZE = 320  # pixels of each view
 _GREY, _BLUE, _ORANGE = (150, 150, 150), (30, 90, 200), (230, 120, 0)

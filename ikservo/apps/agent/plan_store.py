@@ -40,7 +40,7 @@ class OfferedPlan:
         made_s: The time at which the plan was stored.
         id: An identifier that cannot be guessed.
         answer: The person's answer.
-        answered_by: Who answered.
+        answered_by: The person or option that answered.
         is_asked: Whether a person has been asked for consent.
         is_used: Whether the plan was executed.
     """
@@ -59,7 +59,7 @@ class OfferedPlan:
 
 
 class PlanStore:
-    """The plans of one server; safe in any thread."""
+    """The plans of one server; thread-safe."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock, self._lock = clock, threading.RLock()
@@ -116,7 +116,7 @@ class PlanStore:
         return [each for each in waiting if each.answer is Answer.NONE and each.made_s >= oldest_s]
 
     def answer(self, plan_id: str, answer: Answer, answered_by: str) -> None:
-        """Store a person's answer; a refusal revokes an earlier consent. Raises like ``find``."""
+        """Store a person's answer; a refusal revokes earlier consent. Raises as ``find`` does."""
         with self._lock:
             offered = self.find(plan_id)
             if offered.answer is Answer.NONE or answer is Answer.NO:

@@ -19,7 +19,7 @@ class ArmSummary(BaseModel):
 
 
 class ArmStatus(BaseModel):
-    """The arm as measured now; joints in rad, prismatic ones in m."""
+    """The arm as measured now; joints in rad, prismatic joints in m."""
 
     tip_m: Point
     positions: Mapping[str, float]

@@ -36,7 +36,7 @@ def measure_by_touch(
 ) -> TouchedPoints:
     """Switch torque off and let the user put the tip on known points.
 
-    Without a file, the known points are those of the printed sheet.
+    Without a file, the known points are the points of the printed sheet.
 
     Raises:
         CalibrationError: The arm is not calibrated, or no point was touched.

@@ -50,8 +50,8 @@ class ContactResult:
     """The result of moving a joint until something stops it.
 
     Attributes:
-        position: The position at which it stopped, rad or m.
-        contact: The obstacle that stopped it; ``ContactState.MOVING`` if it reached its goal.
+        position: The position at which the joint stopped, rad or m.
+        contact: The reason why it stopped; ``ContactState.MOVING`` if it reached its goal.
     """
 
     position: float
@@ -236,7 +236,7 @@ def missing_stop_error(
 
 
 def unreached(subject: JointUnderCalibration, lower: float | str, upper: float | str) -> str:
-    """Describe a joint with one or two ends for which no search is possible.
+    """Describe a joint of which one or both ends could not be searched for.
 
     An end is the position of its stop, rad or m, or the reason why it was not searched for.
     """
@@ -268,7 +268,7 @@ def check_auto_allowed(model: Model) -> None:
     """Refuse an arm whose arm file forbids automatic calibration.
 
     Raises:
-        CalibrationError: The arm file forbids it; the message carries its reason.
+        CalibrationError: The arm file forbids it; the message gives the reason.
     """
     if model.auto_unsafe:
         raise CalibrationError(
@@ -330,7 +330,7 @@ class AutoCalibration:
         return self.finish()
 
     def sweep(self) -> Dialogue[None]:
-        """Search for the stops of each joint that has no measured range yet, starting at the tip.
+        """Search for the end stops of each joint without a measured range, starting at the tip.
 
         Raises:
             CalibrationError: A joint was stopped in the wrong place, or no stop was found.
@@ -382,7 +382,7 @@ class AutoCalibration:
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
     def _learn(self, subject: JointUnderCalibration) -> None:
-        """Tell the posture planner the measured range of a joint."""
+        """Pass the measured range of a joint to the posture planner."""
         names = self.arm.model.chain.names
         ends = measure_joint(self.state, subject).range_inside_margin(0.0)
         if ends is not None and subject.name in names:

@@ -45,14 +45,14 @@ from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
 SEARCH_MARGIN_RAD = math.radians(20.0)
-"""Largest search of a joint beyond its expected end, angle of the horn."""
+"""Largest angle of the horn by which a search goes beyond a joint's expected end."""
 
 _MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution; a joint with a wider range is not searched
 _SPEED_MARGIN = 1.2
 
 
 def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
-    """Check whether a joint has stops for which a search is possible."""
+    """Check whether the end stops of a joint can be searched for."""
     too_wide = (
         subject.ticks_per_turn > 0
         and subject.expected_ticks >= _MAX_SEARCHED_FRACTION * subject.ticks_per_turn
@@ -74,7 +74,7 @@ def configure_encoders(
 
     Raises:
         CalibrationError: A joint would cross a wrap-around that no setting can move.
-        IkservoError: A servo cannot be written; nothing is changed, or the hint says how to go on.
+        IkservoError: A servo cannot be written; nothing is changed, or the hint says what to do.
     """
     subjects = tuple(_widen_range(subject, state) for subject in state.subjects)
     names = frozenset(subject.name for subject in subjects)
@@ -249,7 +249,7 @@ class PosturePlanner:
             yield self._improve(posture, search)
 
     def _improve(self, posture: Vector, search: _JointSearch) -> Vector:
-        """Improve a posture until small changes of single joints no longer gain clearance."""
+        """Improve a posture until small changes of single joints no longer increase clearance."""
         best, best_m, step = posture, self._min_distance(search, posture)[0], _WIDE_RAD
         while step >= _FINE_RAD and best_m < _ENOUGH_M:
             # The postures (n, dof) in which one of the other joints is moved by a step.
@@ -267,7 +267,7 @@ class PosturePlanner:
         return best
 
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
-        """Return the smallest distance [m] of two parts on the path to an end, and these parts."""
+        """Return the smallest distance [m] between parts on the path to an end, and both parts."""
         path = search.sample_path(posture)
         distances_m = self.space.distances(path)
         is_nearby = np.abs(path[:, search.column] - search.start) > search.clear_travel
@@ -384,7 +384,7 @@ class MeasuredRanges:
 def with_known_ranges(
     state: CalibrationState, travels: Mapping[str, TickRange]
 ) -> CalibrationState:
-    """Return a calibration state that takes over measured joints instead of measuring again.
+    """Return a calibration state that uses the stored ranges of joints that were measured before.
 
     A joint whose present position is outside its measured range is measured again.
     """

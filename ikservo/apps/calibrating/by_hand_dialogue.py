@@ -87,7 +87,7 @@ class CalibrationOptions:
         """Check the options before torque is switched off.
 
         Raises:
-            CalibrationError: A range set by the user does not intersect the arm file's.
+            CalibrationError: A range set by the user does not intersect the range in the arm file.
             UnknownNameError: There is no such pose or joint.
         """
         model.pose(self.pose)
@@ -114,7 +114,7 @@ def calibrate_by_hand(
 ) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
     """Calibrate a limp arm by hand; return the last state and the result to save.
 
-    ``base`` is the calibration in which some joints are replaced; without it, all are new.
+    ``base`` is the calibration in which some joints are replaced; without it, all joints are new.
 
     Raises:
         CalibrationError: A zero is implausible, and the user did not confirm the pose.
@@ -141,7 +141,7 @@ def switch_torque_off(limp_arm: TorqueOffArm) -> Dialogue[None]:
     """Switch torque off after the user has confirmed it.
 
     Raises:
-        FileWriteError: A calibration could not be saved afterwards.
+        FileWriteError: The folder for the calibration is not writable.
         IkservoError: Servos hold the arm, and the user did not confirm; nothing was changed.
     """
     for path in (limp_arm.path, limp_arm.journal_path):
@@ -222,7 +222,7 @@ def read_script(path: Path) -> list[str]:
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
-    """Return the request, still without text, for a state before the review, read at a time [s]."""
+    """Return the possible answers, as a request without text, for a state read at a time [s]."""
     ranges = ((track.low, track.high) for track in state.tracks.values())
     current = state.current_joint
     if state.stage is CalibrationStage.REFERENCE_POSE:
@@ -250,7 +250,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
 
 
 def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> tuple[Choice, ...]:
-    """Return the answers of a sweep; keys act on the current joint or the joint of an issue."""
+    """Return the possible answers of a sweep, each for the current joint or the joint at issue."""
     complete = all(range_complete(state, subject) for subject in state.subjects)
     wait_s = None if issue else SWEEP_UNCHANGED_S if complete else NARROW_SWEEP_UNCHANGED_S
     joints = tuple(subject.name for subject in state.subjects)
@@ -267,7 +267,7 @@ def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> t
 
 
 def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str]:
-    """Return the number of the present step of a calibration, and its instruction."""
+    """Return the number of the present calibration step, and the instruction for the user."""
     if state.stage is CalibrationStage.REFERENCE_POSE:
         what = f'Put the arm in the pose "{pose}"'
         if len(state.subjects) < len(model.joints):

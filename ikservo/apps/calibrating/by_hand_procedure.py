@@ -166,14 +166,14 @@ class CalibrationState:
 
     Attributes:
         subjects: The joints, base to tip.
-        margin_rad: Distance, as an angle of the horn, of limits from ends that were found by hand.
+        margin_rad: Distance between each limit and the end found by hand, angle of the horn.
         stage: The stage of the procedure.
         tracks: Position and range of each servo, by id; the second servo of a joint included.
         stillness: The readings of the last half second.
         reference_ticks: The tick of each servo in the reference pose, by id.
         signs: Directions that were found so far, by joint.
-        unconfirmed_signs: Directions that were found once and are opposite to the arm file's, by
-            joint; such a joint must be moved again.
+        unconfirmed_signs: Directions that were found once and contradict the arm file, by joint;
+            such a joint must be moved again.
         returned: Whether the joint that must be moved again is back at its start.
         skipped: Joints that keep the arm file's range and sign.
         reasons: Reasons why joints could not be measured automatically, by joint.
@@ -340,7 +340,7 @@ class CalibrationState:
     def _update_direction(self) -> CalibrationState:
         """Store the start of the current joint, then its direction of motion.
 
-        A sign that is opposite to the arm file's must be found twice.
+        A sign that is opposite to the sign in the arm file must be found twice.
         """
         subject = self.current_joint
         if subject is None:

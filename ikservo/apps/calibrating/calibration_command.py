@@ -79,7 +79,7 @@ def restore(connection: NamedServoConnection, *, json: JsonOption = False) -> No
 
 
 def undo(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
-    """Return to the calibration before the last one by camera or touch-off.
+    """Undo the last calibration by camera or touch-off; restore the calibration before it.
 
     ikservo calibration undo so101
     """
@@ -109,7 +109,7 @@ def diff(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
 
 
 def push(connection: NamedServoConnection, *, yes: YesOption = False) -> None:
-    """Write the calibration file into the servos; their torque goes off.
+    """Write the calibration file into the servos; this switches their torque off.
 
     ikservo calibration push so101
     """
@@ -221,7 +221,7 @@ def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool
 
 
 def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, json: bool) -> None:
-    """Save the calibration that is attached to a recording as the arm's own.
+    """Save the calibration that is attached to a recording as the calibration of the arm.
 
     Raises:
         CalibrationError: The calibration does not fit the servos, or none is attached.

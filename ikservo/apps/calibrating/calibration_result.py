@@ -2,7 +2,7 @@
 
 A joint's stops are near the limits of the arm file. If one end of the recorded range is far beyond
 its limit and the other end is not, the zero is shifted: the arm was not in the pose. If the range
-is as wide as in the arm file, a much smaller shift can be seen.
+is as wide as in the arm file, a much smaller shift can be detected.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _choose_offsets(
     homing: Homing,
     travel: TickRange,
 ) -> list[tuple[int, int]]:
-    """Choose the offsets that make the shadows of a joint report the ticks of its first servo."""
+    """Choose the offsets that make a joint's other servos report the ticks of its first servo."""
     rows = [(subject.servo_id, homing.offset)]
     reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:

@@ -98,7 +98,7 @@ class TorqueOffArm:
         known: Mapping[str, TickRange] | None = None,
         only: Collection[str] = (),
     ) -> list[JointUnderCalibration]:
-        """Make the joints to calibrate from a named pose; all of them if ``only`` is empty.
+        """Return the joints to calibrate, given a named pose; all joints if ``only`` is empty.
 
         Raises:
             UnknownNameError: The arm has no such pose.
@@ -134,7 +134,7 @@ class TorqueOffArm:
         """Switch torque off; the user must hold the arm.
 
         Raises:
-            BusError: A servo does not reply; the others are off.
+            BusError: A servo does not reply; the torque of the other servos is off.
         """
         for error in torque_off(self.bus, self.bus.servos).values():
             raise error
@@ -192,7 +192,7 @@ class TorqueOffArm:
         return build_calibration(state, facts, metadata, write_limits=write_limits, user=user)
 
     def register_limit_warnings(self, outcome: CalibrationResult) -> Iterator[str]:
-        """Yield a warning for each joint whose range the servo's own limits would cut off."""
+        """Yield a warning for each joint whose range the servo's own limits would reduce."""
         for joint in self.model.joints:
             own = outcome.calibration.joint(joint.name)
             if own is None or own.extended:
@@ -280,7 +280,7 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
 
 
 def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
-    """Yield warnings if a new calibration loses touch-off corrections or a camera."""
+    """Yield warnings if a new calibration discards touch-off corrections or a camera."""
     with contextlib.suppress(FileFormatError):  # a malformed file has nothing to lose
         before = load_calibration(loose.model.name, loose.serial_number)
         if before:

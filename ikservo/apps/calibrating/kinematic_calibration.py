@@ -104,7 +104,7 @@ class ParameterVector:
 
     Args:
         chain: The arm as described.
-        extent: The set of estimated parameters; the others stay zero.
+        extent: The set of estimated parameters; all other parameters stay zero.
         points: Names of the unmeasured points.
     """
 
@@ -128,7 +128,7 @@ class ParameterVector:
 
     @property
     def geometry_columns(self) -> slice:
-        """The columns of zeros, base and origins, as in ``calibration_jacobian``."""
+        """The slice of zeros, base and origins; columns as in ``calibration_jacobian``."""
         return slice(0, self.chain.dof + 6 + 3 * len(self.origins))
 
     def zeros(self, values: Vector) -> Vector:

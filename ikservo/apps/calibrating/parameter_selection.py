@@ -62,7 +62,7 @@ class CalibrationEstimate:
 
     @property
     def improves(self) -> bool:
-        """Whether there is anything to save."""
+        """Whether estimated corrections reduce the held-out error, so that saving is useful."""
         return self.extent is not ParameterSet.NONE
 
     @property
@@ -81,7 +81,7 @@ def select_and_fit(
 ) -> CalibrationEstimate:
     """Select the parameters that touches identify, and fit them.
 
-    Every touch is held out once while the others are fitted, for each set from zeros alone to the
+    Every touch is held out once while the rest are fitted, for each set from zeros alone to the
     whole arm. The set with the smallest held-out error is selected and fitted to all touches. The
     new fit must have a smaller error than ``present``, the arm with its calibration so far.
 

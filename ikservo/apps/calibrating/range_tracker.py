@@ -17,7 +17,7 @@ SWEEP_UNCHANGED_S = 1.0
 """Time without a new extreme after which a sweep with complete ranges ends [s]."""
 
 NARROW_SWEEP_UNCHANGED_S = 4.0
-"""The same time if ranges are narrower than in the arm file [s]."""
+"""Time without a new extreme after which a sweep with narrow ranges ends [s]."""
 
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
@@ -52,7 +52,7 @@ class RangeTracker:
 
     @property
     def width(self) -> int:
-        """The ticks between the recorded ends."""
+        """The number of ticks between the recorded ends."""
         return self.high - self.low
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
@@ -102,9 +102,9 @@ class ContactState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EndStopDetector:
-    """Detects the stop of one joint; angles are of the servo's horn.
+    """Detects the stop of one joint; all angles are angles of the servo's horn.
 
-    Static friction and gravity may hold a joint until its servo presses with its full allowed
+    Static friction and gravity may hold a joint until its servo pushes with its full allowed
     torque. So a joint at rest is at a stop only if its lag is large enough for that torque.
 
     Attributes:

@@ -36,7 +36,7 @@ _DETERMINED = 0.5  # a parameter is identified if its deviation is below this fr
 
 
 def read_touch_script(path: Path) -> list[str]:
-    """Read the answers from a file, one per line; the touches are evaluated after the last.
+    """Read the answers from a file, one per line; the touches are evaluated after the last answer.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.
@@ -110,7 +110,7 @@ def _touch_request(
 def estimate_geometry(
     limp_arm: TorqueOffArm, state: TouchOffState
 ) -> Dialogue[tuple[TouchOffState, CalibrationEstimate]]:
-    """Touch points, show the estimate, and ask whether to save it.
+    """Let the user touch points, show the estimate, and ask whether to save it.
 
     Raises:
         CalibrationError: The touches do not suffice, or they do not improve the calibration.

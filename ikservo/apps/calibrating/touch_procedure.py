@@ -54,7 +54,7 @@ class TouchTarget:
 
 
 def grid_points() -> Iterator[tuple[str, float, float]]:
-    """Yield each cross as its name, metres from the near edge, and metres left of the middle."""
+    """Yield the name of each cross, its distance from the near edge and left of the middle [m]."""
     for i, row in enumerate(ROWS):
         for k, column in enumerate(COLUMNS):
             yield f"{column}{row}", EDGE_M + i * STEP_M, (2 - k) * STEP_M

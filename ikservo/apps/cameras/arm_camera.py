@@ -70,7 +70,7 @@ class ArmCamera:
         return f"ArmCamera(of {self._context.model.name!r})"
 
     def named(self, name: str, source: str | None = None) -> ArmCamera:
-        """Return the camera with a name or source, if the arm was calibrated with several.
+        """Return the camera with a given name or source, if the arm was calibrated with several.
 
         Raises:
             UnknownNameError: The arm was not calibrated with a camera of that name.
@@ -87,7 +87,7 @@ class ArmCamera:
         return ArmCamera(self._context, self._scene, name)
 
     def model(self) -> CameraModel:
-        """Return lens and pose of the camera.
+        """Return the lens and the pose of the camera.
 
         Raises:
             CalibrationError: The arm has no calibrated camera, or the camera has moved since.
@@ -129,8 +129,8 @@ class ArmCamera:
         Args:
             u: Pixels to the right.
             v: Pixels down.
-            height_m: The height of the plane above the table, metres; the arm file gives the height
-                of the table, otherwise it is at z = 0.
+            height_m: The height of the plane above the table, metres; the table is at the height
+                that the arm file gives, or else at z = 0.
 
         Returns:
             The point (3,), metres, base frame.
@@ -155,7 +155,7 @@ class ArmCamera:
         return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
 
     def blocks(self) -> list[KeepOutShape]:
-        """Return at most eight coloured blocks that stand on the table; ``pick`` takes them.
+        """Return at most eight coloured blocks that stand on the table, for use with ``pick``.
 
         Raises:
             CalibrationError: See ``picture``.
@@ -173,7 +173,7 @@ class ArmCamera:
         return find_block_at(self.model(), self.picture(), z_m, u, v)
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
-        """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps out of the picture.
+        """Return the pixel (u, v) of a point (3,), metres, base frame, even outside the picture.
 
         Raises:
             BadValueError: The point is not finite.
@@ -210,7 +210,7 @@ def camera_key(context: ArmContext) -> str:
 def known_camera(
     context: ArmContext, name: str = "", source: str | None = None
 ) -> tuple[CalibratedCamera, CameraFile, str]:
-    """Return a camera of an arm, the known facts about its position, and its name.
+    """Return a camera of an arm, the stored facts about the camera, and its name.
 
     Args:
         context: The arm.
@@ -246,7 +246,7 @@ def known_camera(
 
 
 def camera_model(camera: CalibratedCamera) -> CameraModel:
-    """Return the stored lens and pose of a camera."""
+    """Return the lens and the pose that are stored for a camera."""
     fx, fy, cx, cy = camera.lens_px
     lens = Intrinsics(
         np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
@@ -263,7 +263,7 @@ def table_m(model: Model) -> float:
 
 
 def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
-    """Find the first point on a ray that lies on a thing or on the level plane at z.
+    """Find the first point on a ray that lies on a thing or on the level plane at ``z_m``.
 
     Raises:
         InputError: The ray meets neither a thing nor the plane.

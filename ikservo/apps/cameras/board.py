@@ -40,7 +40,7 @@ def require_opencv() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """A board of black and white squares with a marker in each white one.
+    """A board of black and white squares with a marker in each white square.
 
     Attributes:
         columns: Number of squares in a row.

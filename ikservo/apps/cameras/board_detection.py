@@ -1,4 +1,4 @@
-"""Pictures of a board: sources of pictures, and detection of the board."""
+"""Take pictures with a camera, and detect the board in them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PictureSource(Protocol):
     """Takes pictures.
 
     Attributes:
-        hint: A hint for people who look at the pictures; empty if there is none.
+        hint: A hint for the person who views the pictures; empty if there is none.
     """
 
     hint: str
@@ -76,7 +76,7 @@ class LiveCamera:
             )
 
     def take(self) -> Picture:
-        """Take a picture; discard older ones in the driver's queue.
+        """Take a picture; discard older pictures in the driver's queue.
 
         Raises:
             PictureError: The file is damaged, or the camera no longer delivers pictures.
@@ -98,7 +98,7 @@ class LiveCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intrinsics:
-    """The projection of a camera.
+    """The projection of a camera's lens.
 
     Attributes:
         matrix: fx, fy, cx, cy as the matrix (3, 3), pixels.
@@ -156,7 +156,7 @@ class BoardView:
 
 
 def is_mirrored(board: Board, picture: Picture) -> bool:
-    """Check whether the board is seen in the mirror image of a picture."""
+    """Check whether the board is found in the mirror image of a picture."""
     return len(_detect(board, np.ascontiguousarray(picture[:, ::-1]))[1]) >= _MIN_CORNERS
 
 
@@ -189,7 +189,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
-    """Estimate only the focal length from views of a board, as a start for the full estimate.
+    """Estimate only the focal length from views of a board, to start the full estimate.
 
     Raises:
         CalibrationError: The views do not suffice.
@@ -231,7 +231,7 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
 def board_sample(
     board: Board, view: BoardView, intrinsics: Intrinsics, q: Vector, name: str
 ) -> BoardSample:
-    """Return the sample of a view at measured joints (dof,), including its lens terms.
+    """Return the sample of a view of the board at measured joints (dof,), with its lens terms.
 
     Raises:
         CalibrationError: No pose fits the corners.
@@ -243,7 +243,7 @@ def board_sample(
 def lens_terms(
     intrinsics: Intrinsics, T: Matrix, corners_m: Matrix, view: BoardView | None = None
 ) -> LensTerms:
-    """Compute the terms for the lens from corners (k, 3) of a board at a pose (4, 4).
+    """Compute the lens terms from the corners (k, 3) of a board at a pose (4, 4).
 
     The corners are in the board frame, the pose is in the camera frame. Without a view, the corners
     are exactly at their expected places.
@@ -278,7 +278,7 @@ def lens_terms(
 def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
     """Compute the pose (4, 4) of the board in the camera.
 
-    A flat board may have two poses; the one with the smaller error is returned.
+    A flat board may have two poses; the pose with the smaller error is returned.
 
     Raises:
         PictureError: No pose fits the corners.

@@ -97,10 +97,10 @@ def calibrate_by_camera(
 
 @contextmanager
 def _kept_at_failure(folder: Path, arm: str, *, chosen: bool) -> Generator[None]:
-    """Tell the user how to go on if the calibration ends early.
+    """Tell the user how to continue if the calibration ends early.
 
-    The folder is kept if its pictures suffice for a calibration or, if the user has ``chosen`` it,
-    if it has a picture.
+    The folder is kept if its pictures suffice for a calibration. A folder that the user has
+    ``chosen`` is kept even if it has only one picture.
     """
     try:
         with exiting_on_signals():  # also while no motion runs
@@ -183,7 +183,7 @@ def _tell_and_save(
 
 
 def _describe(result: CameraResult) -> Iterator[str]:
-    """Yield lines that describe the result of the pictures."""
+    """Yield lines that describe the result of the calibration."""
     estimate, fit = result.estimate, result.estimate.fit
     yield (
         f"{result.pictures} pictures in {result.duration_s:.0f} s. Error in test pictures: "
@@ -226,7 +226,7 @@ def _mm(metres: float) -> str:
 
 
 def _fields(result: CameraResult) -> dict[str, object]:
-    """Return the result of the pictures for ``--json``, in SI units."""
+    """Return the result of the calibration for ``--json``, in SI units."""
     estimate, fit = result.estimate, result.estimate.fit
     return {
         "pictures": result.pictures,

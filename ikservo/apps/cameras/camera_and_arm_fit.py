@@ -41,12 +41,12 @@ class LensTerms:
 
     Attributes:
         at: The numbers (6,) with which the pose of the board was computed.
-        by_lens: The derivative of that pose with respect to these parameters (6, 6): rows are
+        by_lens: The derivative (6, 6) of that pose with respect to the six numbers: rows are
             metres and rad, camera frame.
-        slope: The derivative (6,) of half the squared error of the corners with respect to these
-            parameters, with the best pose for each.
+        slope: The derivative (6,) of half the squared error of the corners with respect to the
+            six numbers, with the best pose for each.
         information: The second derivative (6, 6).
-        noise: The covariance (6, 6) of that pose due to the noise of the corners, as ``by_lens``.
+        noise: The covariance (6, 6) of that pose due to noise of the corners; rows as ``by_lens``.
     """
 
     at: Vector
@@ -101,7 +101,7 @@ class Extent(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FittedParameter:
-    """One parameter of the arm.
+    """One estimated parameter of the arm.
 
     Attributes:
         name: The name: ``elbow_flex zero``, ``elbow_flex compliance``, ``elbow_flex half play``.
@@ -161,7 +161,7 @@ _START_SAMPLES = 5  # number of samples in each subset
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _State:
-    """The estimated poses and arm parameters; a step of the minimisation is added to them."""
+    """The estimated poses and arm parameters, to which each step of the minimisation is added."""
 
     camera: Matrix
     board: Matrix
@@ -188,8 +188,8 @@ class CameraFit:
         extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
-        scale: The relative excess of the board's distance that results from printing it larger
-            than stated.
+        scale: The fraction by which the board was printed larger than stated, and by which its
+            distance is therefore larger.
         lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if the lens is known.
         zeros: The offsets of the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
@@ -197,7 +197,7 @@ class CameraFit:
         covariance: The covariance of the six numbers of each pose, the scale, the lens, zeros,
             compliances and half plays.
         asked: Whether each parameter of the covariance was requested.
-        free: Whether the samples determine each parameter; the others are unchanged.
+        free: Whether the samples determine each parameter; other parameters are unchanged.
     """
 
     bending: Bending
@@ -242,7 +242,7 @@ class CameraFit:
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """The requested parameters of the arm."""
+        """The estimates of the requested arm parameters."""
         chain, n = self.bending.dynamics.chain, len(self.zeros)
         values = np.concatenate([self.zeros, self.bending.compliance, self.bending.half_play])
         deviations, priors = (
@@ -306,7 +306,7 @@ def estimate_camera(
 
     Args:
         known: The known arm with its masses, to which the board and other payload are added.
-        samples: At least six, in different postures.
+        samples: At least six samples, in different postures.
         extents: The parameters that may be estimated, `Extent.CAMERA` among them.
 
     Raises:
@@ -340,8 +340,8 @@ def fit_camera(
 ) -> CameraFit:
     """Fit the camera, the board and the arm parameters of ``extent``.
 
-    There are three samples or more. The outliers of the fit ``outliers_of`` are left out; without
-    it, they are searched for.
+    At least three samples are needed. The outliers of the fit ``outliers_of`` are left out; if it
+    is None, outliers are searched for.
 
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
@@ -364,7 +364,7 @@ def fit_camera(
 
 
 def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple[Matrix, Matrix]:
-    """Compute what boards (n) at their expected poses tell about all parameters but the backlash.
+    """Compute the information of boards (n) at expected poses on all parameters but the backlash.
 
     Returns:
         The information matrix (k, k) of all pictures and the prior, and the rows (n, 12, k) of each
@@ -460,7 +460,7 @@ class _Problem:
         return replace(state, arm=np.where(free[_POSES:], state.arm, self._known))
 
     def minimise(self, state: _State, sigma: Vector, weight: Vector) -> _State:
-        """Return the state with the least sum of squares, found by Levenberg steps."""
+        """Return the state with the least sum of squares, found by Levenberg-Marquardt steps."""
         damping = 1e-6
         equations = self._equations(state, sigma, weight)
         for _ in range(_STEPS):
@@ -487,7 +487,7 @@ class _Problem:
     def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
         """Estimate the standard deviations of the four components by leave-one-out prediction.
 
-        For a sample far from the others, the residual is too small, because the fit follows it.
+        For a sample far from all others, the residual is too small: the fit follows the sample.
         """
         noise = np.diagonal(self._noise, axis1=1, axis2=2)
         squares = self.left_out(state, sigma, weight) ** 2 - noise
@@ -545,7 +545,7 @@ class _Problem:
         return prior + np.einsum("nik,nil->kl", rows, rows), rows
 
     def squares(self, state: _State) -> Vector:
-        """Compute each sample's squared residual (n,), whitened by the initial deviations."""
+        """Compute the squared residual (n,) of each sample, in units of the initial deviations."""
         e = self._linearise(state)[0]
         return np.sum((self._whiten(_START_SIGMA) @ e[:, :, None]) ** 2, axis=(1, 2))
 
@@ -627,15 +627,15 @@ def _priors(bending: Bending) -> Vector:
 
 
 def _turned(T: Matrix, step: Vector) -> Matrix:
-    """Return a pose moved by (3,) and turned about its own origin by a rotation vector (3,).
+    """Return a pose shifted by (3,) and turned about its own origin by a rotation vector (3,).
 
-    Both motions are in the parent frame of the pose.
+    Both vectors are in the parent frame of the pose.
     """
     return make_pose(T[:3, 3] + step[:3], exp_so3(step[3:]) @ T[:3, :3])
 
 
 def _residual(predicted: Matrix, seen: Matrix, turn: Matrix) -> tuple[Vector, Matrix]:
-    """Return the residual (6,) in the ray frame, and the derivative (3, 3) of its rotation."""
+    """Return the residual (6,) in the ray frame, and the derivative (3, 3) of its rotation part."""
     phi = log_so3(predicted[:3, :3] @ seen[:3, :3].T)
     W = skew(phi)
     e = np.concatenate([turn @ (predicted[:3, 3] - seen[:3, 3]), turn @ phi])
@@ -661,7 +661,7 @@ def _first_state(problem: _Problem) -> _State:
 
 
 def _closed_form(tips: Matrix, seen: Matrix) -> tuple[Matrix, Matrix]:
-    """Compute the poses C and B (4, 4) with ``seen = C tips B``, rotations first.
+    """Compute the poses C and B (4, 4) that solve ``seen = C tips B``, rotations first.
 
     The rotations solve ``seen Bᵀ = C tips`` linearly in both (Shah, "Solving the robot-world/
     hand-eye calibration problem using the Kronecker product", 2013), then the positions follow.

@@ -42,9 +42,9 @@ _PERIOD_S = 0.1
 class HandCalibration:
     """Calibration that takes pictures of the board on an arm that the user moves by hand.
 
-    A picture is used when arm and board are still, and a joint differs by 8° from every earlier
-    picture. The calibration ends with the requested number of pictures, or, once half of them
-    are taken, after a minute without another one.
+    A picture is used if arm and board are still, and if a joint differs by 8° from every earlier
+    picture. The calibration ends when it has the requested number of pictures, or, once it has
+    half of them, after a minute without another picture.
 
     Args:
         arm: The arm; its torque is off.
@@ -73,7 +73,7 @@ class HandCalibration:
         self._last: Picture | None = None
 
     def run(self) -> CameraResult:
-        """Use pictures until there are enough, and estimate camera and zeros.
+        """Take pictures until there are enough, and estimate the camera and the zeros.
 
         Raises:
             CalibrationError: The arm is not limp, the camera gives no picture, the board is not
@@ -136,10 +136,10 @@ class HandCalibration:
         return measured_joints(self._arm.chain, state)
 
     def _look(self) -> tuple[Picture, BoardView | None]:
-        """Find the board in a picture; report once why it is not found.
+        """Take a picture and find the board in it; report once why the board is not found.
 
         Raises:
-            CalibrationError: The camera gives no picture, or the same one again.
+            CalibrationError: The camera gives no picture, or the same picture again.
         """
         picture = self._camera.take()
         if self._last is not None and np.array_equal(picture, self._last):

@@ -81,9 +81,9 @@ class CameraResult:
         missed: Number of pictures in which the board was not seen.
         duration_s: Time from the first picture to the last, by the arm's clock.
         carried: The fraction of its weight that the arm carried itself while the user held it; None
-            if the user did not hold it, or if the compliance of its links is unknown.
-        sag_m: If the compliance is unknown: root mean square sag of the tip of an arm that carries
-            itself in these postures with ``PRINTED_COMPLIANCE``. Otherwise None.
+            if the user did not hold the arm, or if the compliance of its links is unknown.
+        sag_m: Root mean square sag of the tip if the arm carried itself in these postures with
+            ``PRINTED_COMPLIANCE``; None if the compliance is known.
     """
 
     estimate: CameraEstimate
@@ -106,7 +106,7 @@ class CameraResult:
 
 @dataclass(frozen=True, slots=True)
 class ArmBefore:
-    """An arm as it was before the pictures were taken; if simulated, without calibration."""
+    """An arm before the pictures were taken; a simulated arm has no calibration."""
 
     model: Model
     calibration: Calibration | None
@@ -131,9 +131,9 @@ class ArmBefore:
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
-        """Return the parameters to estimate: only the camera's own pose if there are other cameras.
+        """Return the parameters to estimate: only the camera's pose if the arm has other cameras.
 
-        The other cameras were calibrated with the arm's present zeros and compliances. A hand
+        The other cameras were calibrated with the arm's present zeros and compliances. The hand
         carries the arm's weight, so a calibration by hand does not show how links bend.
         """
         if self.calibration is None:
@@ -168,7 +168,7 @@ class BoardPictures:
         """Add a view of the board from a picture taken with the chain's joints at q (dof,).
 
         Raises:
-            PictureError: The picture has another size than the first one.
+            PictureError: The picture has another size than the first picture.
             FileWriteError: The picture cannot be kept in the folder.
         """
         if self.views and view.size != self.views[0].size:
@@ -181,7 +181,7 @@ class BoardPictures:
         self.joints.append(q)
 
     def fit(self) -> tuple[CameraFit, Intrinsics]:
-        """Fit camera, lens and arm; iterate, because poses depend on the lens nonlinearly.
+        """Fit camera, lens and arm; iterate, because the poses depend nonlinearly on the lens.
 
         Raises:
             CalibrationError: The pictures do not suffice.
@@ -207,7 +207,7 @@ class BoardPictures:
         """Estimate camera and arm; see ``CameraResult``.
 
         ``missed`` pictures do not show the board. If the user held the arm (``by_hand``), several
-        fractions of its weight are tried; the one that best predicts left-out pictures is used.
+        fractions of its weight are tried; the best predictor of left-out pictures is used.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.
@@ -277,7 +277,7 @@ class CameraCalibration:
         self._last: Picture | None = None
 
     def run(self) -> CameraResult:
-        """Take the pictures, estimate, and then move the arm back to its start if possible.
+        """Take the pictures, compute the estimate, and move the arm back to its start if possible.
 
         Raises:
             CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
@@ -353,7 +353,7 @@ class CameraCalibration:
         """Take a picture of the resting arm.
 
         Raises:
-            CalibrationError: The camera delivers no picture, or the same one again, or its
+            CalibrationError: The camera delivers no picture or the same picture again, or its
                 brightness never settles.
         """
         clock = self._arm.clock
@@ -456,7 +456,7 @@ def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> 
 
 
 def seen_board(name: str, T: Matrix, scale: float) -> SeenBoard:
-    """Return a board at a pose (4, 4) for storage; ``scale`` is its size relative to its name."""
+    """Return the data to store for a board: name, pose (4, 4), and size relative to the name."""
     return SeenBoard(
         name=name,
         scale=scale,

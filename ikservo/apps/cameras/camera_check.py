@@ -26,7 +26,7 @@ _LOOKS = 5
 
 
 class BoardPlace:
-    """The place of the board for a check: remembered on the table, or on the gripper.
+    """The stored place of the board for a check: on the table, or on the gripper.
 
     Raises:
         CalibrationError: The calibration does not say where the board was.
@@ -50,7 +50,7 @@ class BoardPlace:
 
     @property
     def scale(self) -> float:
-        """The size of the board relative to the size in its name."""
+        """The board's size relative to the size in its name."""
         return self._stored.scale
 
     def limits(self, within_mm: float | None) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def check_camera(
     within_mm: float | None = None,
     name: str = "",
 ) -> tuple[CameraCheck, BoardPlace]:
-    """Measure the board, and save whether the camera has moved; the arm does not move.
+    """Measure the pose of the board, and save whether the camera has moved; the arm stays still.
 
     ``within_mm`` is the largest accepted shift; None: the error of the calibration.
 
@@ -87,7 +87,7 @@ def check_camera(
 
 
 def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = "") -> SeenBoard:
-    """Save where a board lies on the table, for later checks of the named camera.
+    """Save the place of a board on the table, for later checks of the named camera.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or it has moved.
@@ -119,7 +119,7 @@ def compare_place(
     now: datetime,
     within_mm: float | None = None,
 ) -> CameraCheck:
-    """Compare the observed place of a board with its known one, from the tip pose (4, 4).
+    """Compare the observed place of a board with its stored place, given the tip pose (4, 4).
 
     See ``check_camera`` for ``within_mm``.
 

@@ -24,7 +24,7 @@ NotBelowZero = Annotated[float, Field(ge=0)]
 
 
 class CameraCheck(StrictModel):
-    """``[check]``: the result of the last check of the camera's place."""
+    """The result of the last check whether the camera has moved: table ``[check]``."""
 
     seen: datetime = Field(description="a date and time with UTC offset")
     off_mm: NotBelowZero = Field(description="millimetres across the ray, at the board")

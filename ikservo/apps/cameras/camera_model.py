@@ -82,7 +82,7 @@ class CameraModel:
         return self._bent(flat) * self._focal_px + self._centre_px
 
     def flat(self, px: Matrix) -> Matrix:
-        """Compute directions, as x/z and y/z (…, 2), from pixels (…, 2); inverse of ``pixels``."""
+        """Compute directions, as x/z and y/z (…, 2), from pixels; the inverse of ``pixels``."""
         wanted = (px - self._centre_px) / self._focal_px
         found = self._radially_straight(wanted)
         for _ in range(_STEPS):  # Newton's method
@@ -99,7 +99,7 @@ class CameraModel:
         return found
 
     def _radially_straight(self, bent: Matrix) -> Matrix:
-        """Return directions (…, 2) without tangential distortion, by bisection.
+        """Return directions (…, 2) from which only the radial distortion is removed, by bisection.
 
         Newton's method does not always converge where the lens model is nearly not invertible.
         """
@@ -120,7 +120,7 @@ class CameraModel:
     def widest(self) -> float:
         """Tangent of the largest angle to the axis at which the lens polynomial is used.
 
-        A polynomial stops increasing at some radius; beyond it the projection is linear.
+        The polynomial may stop increasing at some radius; beyond it the projection is linear.
         """
         k1, k2, _, _, k3 = self.lens.distortion.tolist()
         turns = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])

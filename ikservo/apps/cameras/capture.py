@@ -54,7 +54,7 @@ class Capture(Protocol):
 
 
 def open_capture(source: str) -> Capture:
-    """Open a camera; OpenCV prints no messages about a missing camera.
+    """Open a camera; OpenCV's messages about a missing camera are suppressed.
 
     Raises:
         InputError: The source is an address without its password.
@@ -163,10 +163,10 @@ def _serve_pictures() -> None:
 
 
 def _end_at_bounds(asked_s: list[float]) -> None:
-    """End this process when a request takes too long or its memory is too large.
+    """End this process if a request takes too long or if the process uses too much memory.
 
     Args:
-        asked_s: Time of the request, s; infinite while there is no request.
+        asked_s: Time of the present request, s; infinite if there is no request.
     """
     while time.monotonic() - asked_s[0] < _MAX_REQUEST_S and _used_bytes() < _MAX_MEMORY_BYTES:
         time.sleep(_WATCH_S)
@@ -174,7 +174,7 @@ def _end_at_bounds(asked_s: list[float]) -> None:
 
 
 def _used_bytes() -> int:
-    """Return the memory of this process: present on Linux, peak on macOS, 0 on Windows."""
+    """Return the memory use of this process: present on Linux, peak on macOS, 0 on Windows."""
     if sys.platform == "win32":
         return 0
     with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""A folder with pictures of a board and the joints at each picture, for a later estimate."""
+"""A folder with pictures of a board and the joints in each picture, for a later estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_PICTURE_BYTES = 100_000_000
 
 
 class SavedPicture(StrictModel):
-    """``[[pictures]]``: a picture and its measured joints."""
+    """An entry of ``[[pictures]]``: a picture and its measured joints."""
 
     file: Annotated[str, Field(pattern=r"^picture-[0-9]{3}\.png$")] = Field(
         description="picture-001.png …"

@@ -1,9 +1,9 @@
-"""The zero of the last joint from clicks on the tip in the picture of a calibrated camera.
+"""Find the zero of the last joint from clicks on the tip in pictures of a calibrated camera.
 
 Pictures of a board on the gripper cannot distinguish this zero from the angle at which the board
 is mounted; pictures of the tip can. Each value of the zero puts the tip at another point of an arc
 in the picture; the point nearest to the click is used. Clicks are stored with the camera, and their
-mean is used, because click errors average out. The error of the camera does not.
+mean is used, because click errors average out. The error of the camera does not average out.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ class TipZero:
         shift_rad: The correction of the joint: its true angle minus its measured angle.
         off_m: The distance of the last click from the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
-        others_deg: The deviation of each click from the mean, the latest ones last.
-        counts: Whether each click is used; a click too far from two or more others is not.
-        are_apart: Whether there are only two clicks, further apart than click errors explain.
+        others_deg: The deviation of each click from the mean, the latest clicks last.
+        counts: Whether each click is used; a click too far from two or more others is ignored.
+        are_apart: Whether there are only two clicks, and they differ by more than click errors.
         error_deg: The standard error of the zero.
-        error_m: The remaining standard error of the tip.
+        error_m: The standard error of the tip that remains.
         advice: Advice on where to click next; empty if another click is not useful.
         before: The calibration with which the zero was found.
         calibration: The same calibration with the new zero and the clicks.
@@ -168,7 +168,7 @@ def find_tip_zero(
 
 
 def save_tip_zero(arm: Arm, found: TipZero) -> Path:
-    """Save a zero, and return the file; ``undo_calibration`` undoes it.
+    """Save a zero, and return the file; ``undo_calibration`` undoes this.
 
     Raises:
         CalibrationError: The calibration has changed since the click.
@@ -232,7 +232,7 @@ def _read_click(
 def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], bool]:
     """Return mean and standard error [deg] of clicks, a mask (n,) of those used, and are_apart.
 
-    If clicks scatter more than expected, their errors are larger than assumed.
+    If clicks scatter more than expected, the standard error is enlarged accordingly.
     """
     off, click, camera = np.array([tuple(each.model_dump().values()) for each in clicks]).T
     counts = np.ones(len(clicks), dtype=bool)
@@ -283,7 +283,7 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
 
 
 def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.0) -> Vector:
-    """Return the motion (n,) of the tip, pixels per degree of the last joint, at joints (n, dof).
+    """Return how far the tip moves (n,) at joints (n, dof), pixels per degree of the last joint.
 
     The motion is 0 if the tip is not in front of the camera or is too near the picture's edge.
     """
@@ -296,10 +296,11 @@ def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.
 
 
 def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
-    """Return advice on which joint to move, given all joints (n,), to show the zero best.
+    """Return advice on the joint motion from ``joints`` (n,) that shows the zero best.
 
     A click has a smaller error nearer to the camera, and its error depends on the direction of the
-    fingers and on the camera's error, which differs by posture. Empty if no joint helps.
+    fingers and on the camera's error, which differs by posture. The advice is empty if no motion
+    helps.
     """
     chain, index, checker = arm.chain, arm.joint_index, arm.context.checked_collision
     low, high = (np.clip(each, -math.pi, math.pi) for each in arm.context.limits())

@@ -1,4 +1,4 @@
-"""Where the jaws of a gripper are: what is gripped is seldom at the tip of an arm."""
+"""Find the jaws of a gripper, because a gripped thing is seldom exactly at the tip of the arm."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _FINGER_M = 0.015  # a finger ends at most this far from the tip, and moves furt
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaws:
-    """The inner faces of the jaws (k,) on an axis (3,) of the tip, metres, from closed to open.
+    """Inner faces [m] of the jaws along an axis (3,) of the tip, at joint positions (k,).
 
-    A face is infinite at a position at which its jaw does not reach down to the tip.
+    The positions run from closed to open. A face is infinite if its jaw does not reach the tip.
     """
 
     axis: Vector
@@ -36,16 +36,16 @@ class Jaws:
         return float(np.max(self.high_m - self.low_m, where=np.isfinite(self.high_m), initial=0.0))
 
     def at_width(self, width_m: float) -> tuple[float, Vector]:
-        """Return the position of the joint at a width, and the middle of the jaws (3,) there."""
+        """Return the joint position for a width of the jaws, and the middle (3,) between them."""
         at = int(np.argmax(self.high_m - self.low_m >= width_m))
         return float(self.positions[at]), (self.low_m[at] + width_m / 2.0) * self.axis
 
 
 def find_jaws(model: Model) -> Jaws:
-    """Find the jaws in the shapes of an arm's links; widths of the arm file are preferred.
+    """Find the jaws from the shapes of an arm's links; widths in the arm file take precedence.
 
     Raises:
-        IkservoError: The arm has no gripper, or its width does not follow from arm file and shapes.
+        IkservoError: The arm has no gripper, or neither its arm file nor its shapes give the width.
     """
     gripper, tool, moving = model.gripper, tool_frame(model), set(model.chain.names)
     if gripper is None:

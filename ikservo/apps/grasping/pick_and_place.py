@@ -1,4 +1,4 @@
-"""``arm.pick`` and ``arm.place``: all motions are planned before the first one."""
+"""``arm.pick`` and ``arm.place``: all motions are planned before the first motion begins."""
 
 from __future__ import annotations
 
@@ -88,14 +88,14 @@ def _parse_yaw(value: object) -> float:
 
 
 class Grip:
-    """How an arm holds what it has picked up: the pose of its tip (4, 4) at the upright thing."""
+    """How an arm holds the thing that it picked up: the tip's pose (4, 4) in the thing's frame."""
 
     def __init__(self, _arm: object) -> None:
         self.T_thing_tip: Matrix | None = None
         self.height_m = self.jaws_at = 0.0
 
     def is_held_at(self, context: ArmContext, joints: Vector) -> bool:
-        """Return whether something is held, and the jaws have not opened since (joints: (n,))."""
+        """Return whether a thing is gripped and the jaws have not opened since; joints are (n,)."""
         gripper = context.model.gripper
         if self.T_thing_tip is None or gripper is None:
             return False
@@ -105,12 +105,12 @@ class Grip:
 
 @dataclass(frozen=True)
 class Pick(OwnMotion[GraspResult]):
-    """The jaws open, approach a thing, close on it and lift it.
+    """Pick up a thing: the jaws open, move to the thing, close on it and lift it.
 
     Attributes:
-        middle_m: The middle (3,) of what is gripped, metres, base frame.
-        size_m: Its length, width and height (3,).
-        yaw_rad: The direction of its length, from x towards y.
+        middle_m: The middle (3,) of the thing, metres, base frame.
+        size_m: The length, width and height (3,) of the thing.
+        yaw_rad: The direction of the thing's length, from x towards y.
         speed: See ``MoveTo``.
     """
 
@@ -121,10 +121,10 @@ class Pick(OwnMotion[GraspResult]):
     speed: Speed = "normal"
 
     def plan(self, context: ArmContext, start: Vector, _grip: Grip | None = None) -> Planned:
-        """Plan from the joints ``start`` (n,): open, above, down, close, up, press again.
+        """Plan from the joints ``start`` (n,): open, move above, down, close, up, close again.
 
         Raises:
-            RefusedError: It is not possible; the message says why.
+            RefusedError: The thing cannot be picked up; the message says why.
             UnreachableError: The point is out of reach.
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
@@ -160,7 +160,7 @@ class Pick(OwnMotion[GraspResult]):
         return self.plan(context, start)[1].goal
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
-        """Pick it up by these steps of ``plan``; jaws that find nothing open again, and say so."""
+        """Pick up the thing by the ``steps`` of a plan; reopen the jaws if they grip nothing."""
         grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
         if not _run(arm, steps[:1], on_progress).reached:
             raise RefusedError("The jaws did not open.", "Remove what is between them.")
@@ -189,10 +189,10 @@ class Pick(OwnMotion[GraspResult]):
 
 @dataclass(frozen=True)
 class Place(OwnMotion[GraspResult]):
-    """The arm puts down what its gripper holds, opens the jaws and withdraws.
+    """Put down the held thing: the arm lowers it, opens the jaws and withdraws.
 
     Attributes:
-        middle_m: The point (3,) for the middle of what it holds, metres, base frame.
+        middle_m: The target (3,) for the middle of the held thing, metres, base frame.
         speed: See ``MoveTo``.
     """
 
@@ -201,7 +201,7 @@ class Place(OwnMotion[GraspResult]):
     speed: Speed = "normal"
 
     def plan(self, context: ArmContext, start: Vector, grip: Grip | None = None) -> Planned:
-        """Plan from the joints ``start`` (n,): above, press again, down, open, up; as ``Pick``."""
+        """Plan from the joints ``start`` (n,): move above, close again, down, open, up."""
         planner, T = _GraspPlanner(context, start, self.speed), context.planner.tip_pose(start)
         is_held = grip is not None and grip.is_held_at(context, start)
         known = grip.T_thing_tip if grip is not None and is_held else None
@@ -228,7 +228,7 @@ class Place(OwnMotion[GraspResult]):
         return self.plan(context, start)[1].goal
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
-        """Put it down by these steps of ``plan``; a gripper that holds nothing is refused."""
+        """Put down the thing by the ``steps`` of a plan; raise if the gripper holds nothing."""
         grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
         if not _run(arm, steps[:2], on_progress).grasped:
             grip.T_thing_tip = None
@@ -243,18 +243,19 @@ class Place(OwnMotion[GraspResult]):
 
 
 def pick(arm: OpenArm, thing: ArrayLike | KeepOutShape, **options: Any) -> GraspResult:  # noqa: ANN401
-    """Pick up an upright box, as ``arm.camera`` finds it, or what is at a point (3,); see ``Pick``.
+    """Pick up an upright box found by ``arm.camera``, or a thing at a point (3,); see ``Pick``.
 
     Raises:
-        RefusedError: It is too wide or below the table, no grasp is possible, or none was found.
-        UnreachableError: It is out of reach; nothing moved.
+        RefusedError: The thing is too wide or below the table, no grasp is possible, or the jaws
+            gripped nothing.
+        UnreachableError: The thing is out of reach; nothing moved.
     """
     kind = partial(pick_box, thing) if isinstance(thing, KeepOutShape) else partial(Pick, thing)
     return arm.execute(kind(**options))
 
 
 def pick_box(box: KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
-    """Return the motion that picks up an upright box; other things are refused."""
+    """Return the motion that picks up an upright box; refuse things of other shapes."""
     if box.row[IS_CYLINDER] or box.row[ROUNDING] or box.row[8] < _UPRIGHT_COSINE:
         raise RefusedError(f"{box.name} is not an upright box.", "Give the point to grip instead.")
     yaw_rad = math.atan2(box.row[3], box.row[0])
@@ -262,11 +263,12 @@ def pick_box(box: KeepOutShape, **options: Any) -> Pick:  # noqa: ANN401
 
 
 def place(arm: OpenArm, middle_m: ArrayLike, *, speed: str = "normal") -> GraspResult:
-    """Put down what the gripper holds, with its middle at a point (3,) [m]; see ``Place``.
+    """Put down the held thing with its middle at a point (3,) [m]; see ``Place``.
 
     Raises:
-        RefusedError: It is below the table, the way is not free, or the gripper holds nothing.
-        UnreachableError: It is out of reach; nothing moved.
+        RefusedError: The thing would be below the table, the path is blocked, or the gripper
+            holds nothing.
+        UnreachableError: The point is out of reach; nothing moved.
     """
     return arm.execute(Place(middle_m, speed=speed))
 
@@ -276,7 +278,7 @@ def _grip_of(arm: ArmParts) -> Grip:
 
 
 def _plan_now(motion: Pick | Place, arm: ArmParts) -> Steps:
-    """Plan all steps from where the arm holds, also if it sinks before its torque is on."""
+    """Plan all steps from the arm's present position; plan again if it sags before torque is on."""
     context, runner = arm.context, arm.runner
     slow_first = replace(motion, speed=runner.allowed_speed(motion.speed))
     steps, whole = slow_first.plan(context, runner.start_position(), _grip_of(arm))
@@ -289,9 +291,9 @@ def _plan_now(motion: Pick | Place, arm: ArmParts) -> Steps:
 
 
 def _run(arm: ArmParts, steps: Steps, on_progress: OnProgress | None) -> GraspResult:
-    """Run steps, and return the last report of the jaws; these find what is near enough.
+    """Run steps, and return the result of the last jaw motion; imperfect settling is tolerated.
 
-    The jaws stay where they are in the steps of the arm, because the plan only estimates that.
+    While the arm moves, the jaws stay where they are; the plan only estimates their position.
     """
     found, outside = None, arm.context.index.outside_chain()
     for step in steps:
@@ -310,7 +312,7 @@ def _run(arm: ArmParts, steps: Steps, on_progress: OnProgress | None) -> GraspRe
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _JawsHold:
-    """A trajectory in which the joints ``outside`` (n,) the chain hold their positions ``at``."""
+    """A trajectory in which the joints outside the chain (mask ``outside`` (n,)) stay at ``at``."""
 
     path: Trajectory
     outside: NDArray[np.bool_]
@@ -328,7 +330,7 @@ class _JawsHold:
 
 
 class _GraspPlanner:
-    """Plans from all joints (n,); nothing moves, and no servo is read."""
+    """Plans grasps from the positions (n,) of all joints; nothing moves, and no servo is read."""
 
     def __init__(self, context: ArmContext, start: Vector, speed: str) -> None:
         context.require_zeros()
@@ -343,10 +345,10 @@ class _GraspPlanner:
         kinds: Sequence[str],
         held: float,
     ) -> Planned:
-        """Return the steps of the first grasp that is possible, best first, and their plan.
+        """Try grasps, the best first; return the steps of the first possible grasp and their plan.
 
-        ``kinds`` are the motions: open and close for the jaws, which stay at ``held``; to, down
-        and away for the tip.
+        ``kinds`` are the motions: "open" and "close" for the jaws, which close to ``held``;
+        "to", "down" and "away" for the tip.
         """
         at, reason = format_point(middle_m.tolist()), "The gripper cannot be oriented for it."
         if middle_m[2] < (self._context.model.floor_m or 0.0):
@@ -379,9 +381,9 @@ class _GraspPlanner:
         )
 
     def tip_at(self, point_m: Vector, stance: ToolOrientation, grip_m: Vector) -> Matrix | None:
-        """Return the pose of the tip (4, 4) that has its point ``grip_m`` at another one, or None.
+        """Return the tip pose (4, 4) that puts the tip's point ``grip_m`` at ``point_m``, or None.
 
-        The orientation depends on where the tip is, so that it is solved again.
+        The orientation depends on the position of the tip, so the pose is solved iteratively.
         """
         chain, tip_m, R = self._context.chain, point_m, np.eye(3)
         q = self._context.index.chain_joints(self._start)
@@ -397,7 +399,7 @@ class _GraspPlanner:
         return make_pose(tip_m, R)
 
     def level_rolls(self, R: Matrix, pitch_rad: float, side_rad: float | None) -> list[float]:
-        """Return the rolls of a tool (3, 3) at which its jaws are level and close on a side."""
+        """Return the rolls at which a tool (3, 3) has level jaws that close along ``side_rad``."""
         heading_rad = self.tool.heading_rad(R) or 0.0
         turned = [self.tool.rotation(heading_rad, pitch_rad, roll) for roll in _ROLLS_RAD]
         x, y, z = (np.array(turned) @ self.jaws.axis).T
@@ -410,7 +412,7 @@ class _GraspPlanner:
     def _motions(
         self, T: Matrix, above_m: Vector, stance: ToolOrientation, kinds: Sequence[str]
     ) -> Motions:
-        """Return the motions to a pose of the tip (4, 4) and back, by a point (3,) above it."""
+        """Return the motions to a tip pose (4, 4) and back, both through a point (3,) above it."""
         loose, speed = replace(stance, within_rad=_LOOSE_RAD), self._speed
         parts: dict[str, MotionValue[Any]] = {
             "to": MoveTo(above_m, speed=speed, stance=loose, think_s=_THINK_S),
@@ -420,7 +422,7 @@ class _GraspPlanner:
         return [parts.get(kind) or MoveGripper(kind) for kind in kinds]
 
     def _plan_all(self, motions: Motions, held: float) -> Planned:
-        """Plan motions one after the other, and as one plan; the jaws close to ``held``."""
+        """Plan motions in sequence; return them, and one plan of all; jaws close to ``held``."""
         context, start, plans = self._context, self._start, list[MotionPlan]()
         poses = PoseLibrary(context.model, context.serial_number)
         for motion in motions:

@@ -1,4 +1,4 @@
-"""``ikservo pick``: pick up what a pixel of the camera shows, or what is at a point."""
+"""``ikservo pick``: pick up the block at a pixel of the camera, or a thing at a point."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def command(
     speed: SpeedOption = "normal",
     options: Annotated[MotionOptions, Without("dry_run", "json", "tip")],
 ) -> None:
-    """Pick up the coloured block that a pixel of the calibrated camera shows, or what is at X Y Z.
+    """Pick up the coloured block at a pixel of the calibrated camera, or the thing at X Y Z.
 
     ikservo pick 480 360 --to 600,300 --arm so101
 

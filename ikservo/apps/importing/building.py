@@ -46,7 +46,7 @@ _MIN_FLOOR_M = -0.003  # parts that reach less far below the base do not lower t
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """The user's decisions. The import makes the missing ones itself and notes them.
+    """The user's decisions; the import makes and notes all other decisions itself.
 
     Attributes:
         base: The link at which the used part of the tree begins.
@@ -149,7 +149,7 @@ def _shape_draft(
     shapes: ShapeConversion,
     own: Sequence[str],
 ) -> None:
-    """Reduce a draft's tree to its own joints, with limits, and find the height of its table."""
+    """Reduce a draft's tree to its own joints, limit their ranges, and find the table height."""
     note = draft.decisions.append
     shared = [name for name in structure.joints if name not in own]
     urdf, fixed = fix_joints(draft.urdf, own)
@@ -219,7 +219,7 @@ def _add_servos(
 
 
 def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
-    """Set a joint's limits to the user's, or else reduce them to what a servo can turn."""
+    """Set a joint's limits as the user gave them, or else reduce them to the range of a servo."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
         given, unit = options.limits[joint.name], "mm" if slides else "°"

@@ -16,8 +16,8 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
     """Refuse a scene that is too large to be read with all its instances expanded.
 
     A node may instantiate another node several times, and that node may do the same, so thirty
-    lines can make a billion surfaces. The path and ``place``, the owner of the shape, are for
-    messages.
+    lines can make a billion surfaces. The path and ``place``, the owner of the shape, are used
+    in messages.
 
     Raises:
         FileFormatError: The scene is too large, contains itself or is not plain XML.

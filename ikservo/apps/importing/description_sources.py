@@ -40,7 +40,7 @@ class Description:
 
 
 def choose_description(source: Path, name: str | None = None) -> Path:
-    """Choose the description: a file, or the only one in a folder whose path ends in ``name``.
+    """Choose the description: a file, or the only file in a folder whose path ends in ``name``.
 
     Raises:
         InputError: There is no such file, or there are several; the message lists them.
@@ -121,7 +121,7 @@ def read_foreign(
     """Read a foreign description, but not the meshes that it names.
 
     Only files in ``folder`` are read. Without it, only files in the folder of the description's
-    package are read, or else those in the description's own folder.
+    package are read, or, without a package, files in the description's own folder.
 
     Raises:
         FileFormatError: The description cannot be used; the message names the place and the cause.
@@ -159,7 +159,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 
 
 def _make_readable(root: XmlElement) -> list[str]:
-    """Repair common faults of published files that an arm file may not have; return notes."""
+    """Repair common faults of published files that an arm file does not allow; return notes."""
     joints = [each for each in root.child_elements("joint") if "name" in each.attributes]
     notes: list[str] = []
     for joint in joints:

@@ -48,7 +48,7 @@ class DraftJoint:
     Attributes:
         name: The name in the URDF.
         is_gripper: Whether it moves the jaws.
-        servos: The first servo, and further ones that drive the joint together with it.
+        servos: The first servo, and further servos that drive the joint together with it.
         m_per_turn: Metres per turn of the servo; None for a joint that turns.
     """
 
@@ -106,7 +106,7 @@ class ArmDraft:
         }
 
     def toml(self) -> str:
-        """Return the text of its arm.toml."""
+        """Return the text of the draft's ``arm.toml``."""
         table = MODELS[self.joints[0].servos[0].model]
         head = [
             "format = 1",
@@ -210,7 +210,7 @@ def format_range(joint: UrdfJoint) -> str:
 
 
 def guessed_m_per_turn(joint: UrdfJoint) -> float:
-    """Guess the metres per turn of a slide whose servo moves it over its range in one turn."""
+    """Guess the metres per turn of a sliding joint that crosses its range in about one turn."""
     return (joint.upper - joint.lower) / _USED_TURN
 
 

@@ -46,7 +46,7 @@ def propose_home(model: Model) -> dict[str, float]:
 
 
 def _first_free(model: Model, postures: Matrix) -> Vector:
-    """Return the first of the postures (n, dof) with enough clearance, or the one with the most.
+    """Return the first of the postures (n, dof) with enough clearance, or else the best of them.
 
     Clearance is the distance between the links and from the links to the table. A pair of links
     that is always close needs less of it.
@@ -69,7 +69,7 @@ def _first_free(model: Model, postures: Matrix) -> Vector:
 
 
 def table_height_m(model: Model) -> float:
-    """Return the greatest height of the table at which each link is above it in some posture."""
+    """Return the greatest table height at which each link is above the table in some posture."""
     capsules = capsules_of(model)
     height_m = model.floor_m or 0.0
     if not capsules:

@@ -41,7 +41,7 @@ def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
 
 
 def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
-    """Load a draft as from its folder (by default a temporary one), without its pictures.
+    """Write a draft to a folder (by default a temporary one), without meshes, and load the arm.
 
     Raises:
         FileFormatError: The draft cannot be loaded; the message names its source description.

@@ -146,7 +146,7 @@ def _cut_parts(
 def _outside(
     triangles: Triangles, capsules: Sequence[FittedCapsule], moved_m: float, edge_m: float
 ) -> Triangles:
-    """Cut triangles into pieces of about an edge length; return those outside all capsules."""
+    """Cut triangles into pieces of about an edge length; return pieces outside all capsules."""
     kept: list[Triangles] = []
     edge_m = _affordable_m(triangles, edge_m, _MAX_FITTED)
     while len(triangles) and capsules:
@@ -373,7 +373,7 @@ def _best_thickness(
 ) -> tuple[float, float]:
     """Find the best thickness of a capsule along an axis around points.
 
-    The thinnest capsule ends a whole radius beyond a flat end; a thicker one ends closer.
+    The thinnest capsule ends a whole radius beyond a flat end; a thicker capsule ends closer.
 
     Returns:
         The approximate excess [m] of that capsule, and its radius as a multiple of the smallest.
@@ -472,7 +472,7 @@ def _best_cut(
 
 
 def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Triangles, Triangles]:
-    """Divide triangles into those on either side of a plane; cut those that cross it in three."""
+    """Divide triangles into two sets, one per side of a plane; cut crossing triangles in three."""
     side = triangles @ axis - at_m
     above, below = (side >= 0.0).all(axis=1), (side < 0.0).all(axis=1)
     crossing, side = triangles[~above & ~below], side[~above & ~below]

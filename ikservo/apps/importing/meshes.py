@@ -33,7 +33,7 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     """Read the corners (n, 3, 3) of all triangles, in the file's own unit; Collada in metres.
 
     Files that the mesh names (buffers of glTF) are read from its own folder only. The suffix of the
-    path determines the format; ``link`` owns the shape, for messages.
+    path determines the format; ``link``, the owner of the shape, is used in messages.
 
     Raises:
         FileFormatError: The file has an unknown format, or is damaged, empty or too large.
@@ -123,7 +123,7 @@ def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
 
 
 class _FolderResolver:
-    """Gives trimesh the files that a mesh names, from its own folder only."""
+    """Gives trimesh the files that a mesh names, but only from the folder of the mesh."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -148,7 +148,7 @@ class _FolderResolver:
         return []
 
     def namespaced(self, _: str) -> _FolderResolver:
-        """Return itself, because names are relative to the folder."""
+        """Return this resolver, because all names are relative to the folder."""
         return self
 
 

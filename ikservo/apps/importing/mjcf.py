@@ -247,8 +247,8 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
     Bodies and sites become links; each further joint of a body gets a separate link. A robot with a
-    free base is fixed where it stands; loose objects are left out. The names of all files are
-    checked first, so that no file outside ``folder``, by default that of the MJCF, is opened.
+    free base is fixed at its initial pose; loose objects are left out. The names of all files are
+    checked first, so that no file outside ``folder``, by default the folder of the MJCF, is opened.
 
     Raises:
         FileFormatError: A file is outside the folder, MuJoCo refuses the model, or the model has a
@@ -387,7 +387,7 @@ class _BodyTreeReader:
         )
 
     def _find_mimic(self, joint: int) -> UrdfMimic | None:
-        """Find the joint that this one follows through an equality constraint, or None."""
+        """Find the joint that ``joint`` follows through an equality constraint, or None."""
         model, kinds = self._model, self._mujoco.mjtEq
         for i in range(model.neq):
             ties_joints = kinds(int(model.eq_type[i])) == kinds.mjEQ_JOINT

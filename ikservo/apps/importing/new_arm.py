@@ -46,14 +46,14 @@ class NewArm:
         name: The name of the arm.
         folder: The folder in which the arm's folder is created.
         source: A description, or a folder with one; None: the arm is measured.
-        file: The file in that folder.
+        file: The description file in the folder ``source``.
         joints: Measured joints, base to tip, if there is no description.
         packages: Folders of packages, by name.
         arguments: Arguments of a xacro, by name.
         allow_xacro: Whether the expressions in a xacro may be run.
         overwrite: Whether files of an existing folder may be replaced.
         options: The choices about the arm.
-        port: The port of its servos; None: they are not connected.
+        port: The port of the arm's servos; None if they are not connected.
     """
 
     name: str
@@ -199,7 +199,7 @@ def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
 
 
 def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
-    """Find a draft's pose ``rest``, in which the limp simulated arm lies."""
+    """Find a draft's pose ``rest``: the posture in which the limp simulated arm comes to rest."""
     yield Progress(f"letting the limp simulated {draft.name} come to rest")
     try:
         with tempfile.TemporaryDirectory() as name:

@@ -21,12 +21,12 @@ _DESCRIPTION_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "xml", "mjc
 
 @dataclass(slots=True)
 class PackageFolders:
-    """Finds packages: those that the user gave, and those in folders above the description.
+    """Finds packages: given by the user, or in folders above the description.
 
     Attributes:
         path: The description.
         given: Folders by package, as given by the user.
-        folder: The folder whose files may be read; None: that of the description's package.
+        folder: The folder whose files may be read; None: the folder of the description's package.
         used: Folders by package, as found so far.
         outside: Names of the meshes that were refused because they are outside all folders.
     """
@@ -70,7 +70,7 @@ class PackageFolders:
         return folder
 
     def own_folder(self) -> Path:
-        """Return the folder of the description's package, or else that of the description."""
+        """Return the folder of the description's package, or else the folder of the description."""
         own = self.path.absolute().parent
         for folder in self._folders_above():
             if (folder / "package.xml").is_file():

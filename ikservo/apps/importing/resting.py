@@ -34,7 +34,7 @@ class RestingPlace:
         gap_m: The smallest distance between its parts, as the guard measures it; negative if
             shapes overlap.
         pair: The two parts with that distance; empty if collisions are not checked.
-        still: Whether it came to rest.
+        still: Whether the arm came to rest.
     """
 
     positions: dict[str, float]
@@ -81,7 +81,7 @@ def _free_above(
 ) -> dict[str, float]:
     """Return the lowest free posture on the straight path from the start to the resting posture.
 
-    A limp arm lies on its own parts, but the shapes of the guard are a little thicker than these.
+    A limp arm lies on its own parts, but the guard uses shapes that are a little thicker.
     If the path is blocked far above the resting posture, the resting posture itself is returned.
     """
     found: dict[str, float] | None = None

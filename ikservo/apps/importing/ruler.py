@@ -57,7 +57,7 @@ def parse_measured(text: str) -> RulerJoint:
 def describe_measured(
     name: str, joints: Sequence[RulerJoint], foot_m: float = _FOOT_M
 ) -> Description:
-    """Describe an arm of joints from base to tip, upright at zero, the first at ``foot_m``."""
+    """Describe an arm of given joints, base first, upright at zero; joint 1 is at ``foot_m``."""
     links, moving = [_part("base", foot_m, 2.0 * _RADIUS_M)], list[UrdfJoint]()
     height_m = foot_m
     for i, joint in enumerate(joints, start=1):
@@ -76,7 +76,7 @@ _ZERO: Triple = (0.0, 0.0, 0.0)
 
 
 def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
-    """Return a link that stands on its joint, with a shape that ends short of both joints."""
+    """Return a link that stands on its joint; its shape touches neither joint."""
     shapes: tuple[Shape, ...] = ()
     if radius_m and length_m:
         radius_m = min(radius_m, 0.4 * length_m)
@@ -86,7 +86,7 @@ def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
 
 
 def _joint(name: str, parent: str, child: str, height_m: float, axis: Triple | None) -> UrdfJoint:
-    """Return a joint that turns about an axis, or is fixed without one."""
+    """Return a joint that turns about ``axis``, or a fixed joint if ``axis`` is None."""
     kind = UrdfJointType.FIXED if axis is None else UrdfJointType.REVOLUTE
     limit_rad = 0.0 if axis is None else _LIMIT_RAD
     return UrdfJoint(

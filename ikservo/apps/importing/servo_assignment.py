@@ -38,7 +38,7 @@ def parse_servo(text: str) -> DraftServo:
     """Parse ``[-]ID[:MODEL]``; with a minus, ticks fall while the joint position rises.
 
     Raises:
-        ValueError: The id is not one of a servo.
+        ValueError: The id is not a valid servo id.
     """
     number, _, model = text.partition(":")
     servo_id = int(number)
@@ -56,7 +56,7 @@ def assign_servos(
 
     Raises:
         PortError: The port cannot be opened.
-        ServoSilentError: No servo replies, or one that the user gave does not.
+        ServoSilentError: No servo replies, or a servo that the user gave does not reply.
         InputError: The servos are of several families or of an unknown model, or too few.
     """
     name = simulated_port_url(choose_port(port), None)

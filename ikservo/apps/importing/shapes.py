@@ -192,7 +192,7 @@ class _ShapeConverter:
         return [*simple, *(each for capsule in capsules for each in capsule_shapes(capsule))]
 
     def fit_next(self, link: str, shapes: Sequence[Shape]) -> bool:
-        """Fit capsules to the smallest mesh of a link that has none yet; False if all have some.
+        """Fit capsules to a link's smallest mesh without capsules; return False if there is none.
 
         The meshes of a link are fitted together, because a servo and its bracket have no outer
         surface at the place where they touch.

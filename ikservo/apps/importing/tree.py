@@ -26,7 +26,7 @@ class Structure:
 
     Attributes:
         tip: The link of the tool.
-        joints: The joints that move it and follow no other, base to tip.
+        joints: The joints that move the tip and do not mimic other joints, base to tip.
         gripper: The joint of the jaws; empty if there is none.
         other_tips: Other links that could be the tip.
     """
@@ -38,7 +38,7 @@ class Structure:
 
 
 def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
-    """Return the joints that move each link and follow no other, by link in file order.
+    """Return the joints that move each link, by link in file order; mimics count as their leader.
 
     Each link's joints are listed from base to tip.
     """
@@ -52,7 +52,7 @@ def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
 
 
 def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:
-    """Yield the joints that a link carries, from base to tip."""
+    """Yield all joints below a link, from base to tip."""
     carried: dict[str, list[UrdfJoint]] = {}
     for joint in urdf.joints:
         carried.setdefault(joint.parent, []).append(joint)
@@ -66,7 +66,7 @@ def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:
 def find_structures(
     urdf: Urdf, tips: Sequence[str] = (), gripper: str | None = None
 ) -> list[Structure]:
-    """Find the arms of a tree: one for each tip, or the only one.
+    """Find the arms of a tree: one arm for each tip, or the only arm.
 
     An empty ``gripper`` means no jaws. If it is None, jaws are searched for; if there are no
     ``tips``, the tip is searched for.
@@ -143,7 +143,7 @@ def _word_rank(name: str) -> int:
 
 
 def _jaws(urdf: Urdf) -> list[str]:
-    """Return the joints that look like jaws: named like jaws, at the end of their branch."""
+    """Return the joints that seem to be jaws: named like jaws, at the end of their branch."""
     movable = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
     leaders = {joint.mimic.joint for joint in movable.values() if joint.mimic}
     above = moving_joints(urdf)
@@ -162,7 +162,7 @@ def _jaws(urdf: Urdf) -> list[str]:
 
 
 def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
-    """Check whether a joint is a wrist: it carries a tool, or it turns a "hand" too far for jaws.
+    """Check whether a joint is a wrist: it carries a tool, or is a "hand" that turns too far.
 
     The range is ignored for other names of jaws, because some programs export ±180° for all joints.
     """
@@ -211,10 +211,10 @@ def below(urdf: Urdf, base: str) -> tuple[Urdf, list[str]]:
 
 
 def fix_joints(urdf: Urdf, kept: Collection[str]) -> tuple[Urdf, dict[str, float]]:
-    """Fix all joints except the given ones and their followers, at zero or the nearest limit.
+    """Fix all joints except the given joints and their mimics, at zero or the nearest limit.
 
     Returns:
-        The tree, and the positions [rad or m] of the fixed joints that follow no other.
+        The tree, and the positions [rad or m] of the fixed joints that mimic no other joint.
     """
     positions = {
         joint.name: min(max(0.0, joint.lower), joint.upper)

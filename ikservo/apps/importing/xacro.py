@@ -124,7 +124,7 @@ def expand_xacro(
 def _run_xacro(
     path: Path, folders: Mapping[str, Path], arguments: list[str]
 ) -> tuple[int, str, str]:
-    """Return exit code, output and error output of xacro."""
+    """Run xacro; return its exit code, output and error output."""
     known = json.dumps({name: str(folder.absolute()) for name, folder in folders.items()})
     command = [sys.executable, "-I", "-c", _RUN, _MODULE, known, str(path.absolute()), *arguments]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:

@@ -89,7 +89,7 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
 def touched_poses(tips: Iterable[tuple[str, Vector, Vector]]) -> list[PoseResult]:
     """Group touches of known points, each with name, position (3,) and tip (3,), metres.
 
-    Points are in the base frame; errors include those of backlash, bending and hand.
+    Points are in the base frame; errors include backlash, bending and errors of the hand.
     """
     found: dict[str, PoseResult] = {}
     for name, point_m, tip_m in tips:

@@ -75,7 +75,7 @@ class TestSettings:
 
     @property
     def is_standard(self) -> bool:
-        """Whether no measurement is shorter than in the standard."""
+        """Whether the test has every part and at least the ``STANDARD_`` cycles and time."""
         return (
             self.cycles >= STANDARD_CYCLES
             and self.path_cycles >= STANDARD_PATH_CYCLES
@@ -172,7 +172,7 @@ class DriftResult:
 
     Attributes:
         name: The pose.
-        times_s: The end of each group, from the beginning of the first.
+        times_s: The end time of each group, counted from the beginning of the first group.
         groups: The groups.
     """
 
@@ -204,8 +204,8 @@ class AccuracyTest:
 
     Attributes:
         cube: The cube of the test.
-        top_speed_m_s: Tip speed that counts as 100 %: the highest that the joints allow on both
-            paths; 0 until known.
+        top_speed_m_s: Tip speed that counts as 100 %: the highest speed that the joints allow on
+            both paths; 0 until known.
         poses: Pose accuracy and repeatability.
         directions: Multi-directional pose accuracy variation.
         paths: Path accuracy and repeatability.

@@ -3,8 +3,8 @@
 If a servo measures its current, ``u V = R i + kt w``, with the duty u, the supply V and the speed
 w, determines the motor's resistance R and torque constant kt, which is also the back-EMF. The
 position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error e and the
-start-up force u0; d stands for delays and the D gain between two goals. The speed of the motor, by
-its back-EMF, less that of the joint shows motion within the backlash.
+start-up force u0; d represents delays and the D gain between two goals. The motor's speed, from
+its back-EMF, minus the joint's speed shows motion within the backlash.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class JointPrior:
         nominal_v: The supply voltage for which these figures hold.
         per_horn_rad: Motion of the joint per rad of the horns.
         full_duty_share: Relative standard deviation of the torque at full duty.
-        gain: The present P gain, as a fraction of that of the servo's model; None if it was not
-            read.
+        gain: The present P gain, as a fraction of the usual P gain of the servo's model; None if
+            it was not read.
     """
 
     servo: ServoTorque
@@ -94,12 +94,12 @@ class JointPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Winding:
-    """The motor of one servo, at the horn, by duty, current and speed.
+    """The motor of one servo, at the horn, identified from duty, current and speed.
 
     Attributes:
         ohm: The resistance of the winding.
         kt: The torque constant, N m/A.
-        covariance: The covariance (2, 2) of the errors of both.
+        covariance: The covariance (2, 2) of the errors of ``ohm`` and ``kt``.
     """
 
     ohm: float
@@ -236,9 +236,9 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
 def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
     """Return windows with their mean duties over time, which balance friction and load.
 
-    Servos are read between two goals. There the D gain brakes the joint. At each new goal it drives
-    the joint by as much, but too briefly to be read; the error also falls between goals. If the D
-    gain makes the duties noisy, duties computed from the leads are used.
+    Servos are read between two goals, while the D gain brakes the joint. At each new goal the D
+    gain drives the joint as strongly, but too briefly to be read; the error also falls between
+    goals. If the D gain makes the duties noisy, duties computed from the leads are used.
     """
     duty = windows.duty.copy()
     for joint, loop in enumerate(loops):
@@ -273,7 +273,7 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
 
 
 def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
-    """Choose between two speeds (m, 2) of the motor in each sample, given those of the joint (m,).
+    """Choose between two speeds (m, 2) of the motor in each sample, given the joint speeds (m,).
 
     The sequence with the least sum of differences from the joint's speed and between samples is
     returned (algorithm of Viterbi, 1967).
@@ -300,7 +300,7 @@ def fit_backlash(
     passes the same place both ways. A joint that falls through its balance is pushed one way and
     then the other in each swing, so the full backlash shows only near the balance, at the places
     with the largest difference. The combined error of R and kt is smaller than the error of either,
-    because the steady motion of their fit needs currents like those of a swing. Currents have a
+    because they were fitted to motion with currents like the currents of a swing. Currents need a
     sign; the gears stay on one side if ``gravity``, the torque in each sample (m,), keeps its sign.
     """
     swings = _swings(recording, joint)

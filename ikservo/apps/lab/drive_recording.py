@@ -31,10 +31,10 @@ class DriveRecording:
         position: Positions measured together with the duty (m, dof), rad or m.
         duty: Fraction of the full duty (m, dof, most), -1 to 1, positive towards larger positions.
             NaN for a servo that a joint does not have.
-        current_a: Current of the winding (m, dof, most), or its size if the servo does not measure
-            the sign; NaN if it measures no current.
+        current_a: Current of the winding (m, dof, most), or its magnitude if the servo does not
+            measure the sign; NaN if it measures no current.
         voltage_v: Voltage at the servo (m, dof, most).
-        goal_age_s: Age (m, dof) of a joint's goal when its servos were read, less the mean age and
+        goal_age_s: Age (m, dof) of a joint's goal when its servos were read, minus the mean age and
             the time that its profile needs, seconds.
     """
 
@@ -61,7 +61,7 @@ class SteadyWindows:
         leg: The part of the motion.
         q: All joints of the chain (k, dof).
         speed: The joint speed, rad/s.
-        lead: Goal less position, rad.
+        lead: Goal minus position, rad.
         goal_age_s: See `DriveRecording`.
         duty: Fraction of the full duty of each servo of the joint (k, most).
         current_a: Current of each servo (k, most); see `DriveRecording`.

@@ -94,8 +94,8 @@ class DutyModel:
     ) -> DutyModel:
         """Return the model of an arm from windows of steady motion.
 
-        ``gravity`` has the torques at each window's posture (k, dof, bodies + 1). Without a prior
-        of the parameters, it is derived from those of the joints.
+        ``gravity`` has the torques at each window's posture (k, dof, bodies + 1). Without
+        ``prior``, the prior is derived from the priors of the joints.
         """
         own = gravity[np.arange(len(windows.joint)), windows.joint]
         return cls(
@@ -145,7 +145,7 @@ class DutyModel:
         return (load - g + brake * w.speed) / full * volts
 
     def residuals(self, x: Vector) -> Vector:
-        """Compute the weighted residuals of the duties, then those of the prior."""
+        """Compute the weighted residuals of the duties, then the residuals of the prior."""
         w = self.windows
         return np.concatenate(
             [
@@ -155,7 +155,7 @@ class DutyModel:
         )
 
     def jacobian(self, x: Vector) -> Matrix:
-        """Compute the derivative of the residuals; windows depend on their joint and gravity."""
+        """Compute the derivative of the residuals; a window depends on its joint and on gravity."""
         w, joints = self.windows, len(self.noise)
         rows, at = np.arange(len(w.joint)), _N * joints
         J = np.zeros((len(rows), len(x)))

@@ -83,7 +83,7 @@ class Excitation:
     Args:
         waypoints: The postures (k, n), rad or m, the start first.
         limits: The kinematic joint limits for each motion between two postures.
-        pauses_s: The pause before each motion, and one after the last.
+        pauses_s: The pause before each motion, and a pause after the last motion.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ def plan_excitation(
     """Plan a tour of postures whose gravity torques identify the masses.
 
     Postures are drawn within the limits, with room around the body and free paths between them. Of
-    several candidates, the one that adds most information about the masses is taken (D-optimality).
+    several, the one that adds the most information about the masses is taken (D-optimality).
     The tour runs at the speed ``slow`` back and forth, because friction shows as the difference
     between both directions; a part of the tour is repeated more slowly. It starts and ends at the
     joints ``start`` (n,), rad or m.
@@ -156,7 +156,7 @@ def plan_excitation(
 def _draw_postures(
     context: ArmContext, dynamics: Dynamics, start: Vector, most: int
 ) -> list[Vector]:
-    """Return the start and the postures (n,) of a tour, each with a free path from the previous."""
+    """Return the start and the postures (n,) of a tour, each reachable from the previous one."""
     random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
     postures, way = [start], [start]
     # Information of the postures about the scale of each mass and the payload.
@@ -206,8 +206,8 @@ class _FreeSpace:
     Attributes:
         context: The arm.
         dynamics: The dynamics of its chain.
-        clearance_m: The clearance that the body must keep; neighbouring links may always be this
-            near.
+        clearance_m: The clearance that the body must keep, which is small because neighbouring
+            links may always be near each other.
         limits: The kinematic limits of all joints.
         max_torque: Gravity torque (dof,) that the servo of each joint can hold without being judged
             as blocked.

@@ -176,7 +176,7 @@ def latest_health(records: Sequence[HealthRecord]) -> list[JointHealth]:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A rise of the backlash or friction of a joint.
+    """An increase in the backlash or friction of a joint.
 
     Attributes:
         joint: The joint.

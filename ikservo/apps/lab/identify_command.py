@@ -51,7 +51,7 @@ _KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
 
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions(MotionOptions):
-    """Options of the motion; even a dry run moves."""
+    """Options of the motion; the arm moves even in a dry run."""
 
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Identify, but save nothing.")] = False
 

@@ -94,8 +94,8 @@ class IsoCube:
 def place_cube(arm: OpenArm) -> IsoCube:
     """Return the largest cube in the part of the workspace that contains the pose home.
 
-    The tip reaches all of it without a change of branch. The body keeps 20 mm from itself, the
-    table and boxes, or 90 % of its clearance in the pose home if that is less.
+    The tip reaches the whole cube in one IK branch. The body keeps 20 mm from itself, the table
+    and boxes, or 90 % of its clearance in the pose home if that is less.
 
     Raises:
         RefusedError: Not even a cube with edges of 40 mm fits.

@@ -80,7 +80,7 @@ class Validation:
 
     @property
     def is_better(self) -> bool:
-        """Whether the identified parameters predict better than those from the tables."""
+        """Whether the identified parameters predict better than the parameters from the tables."""
         return self.identified < self.nominal
 
 
@@ -93,8 +93,8 @@ class Identification:
         bodies: The bodies that the joints move.
         estimates: The estimates by name: ``JOINT.PARAMETER`` for `JOINT_PARAMETERS`,
             ``stiffness_nm_rad`` and ``backlash_rad``, all servos of the joint together, at the
-            joint; ``BODY.mass_scale``; and ``payload_kg``. Parameters that were not measured at all
-            are left out.
+            joint; ``BODY.mass_scale``; and ``payload_kg``. Parameters that were not measured are
+            left out.
         motors: The motors of the joints whose servos measure their current.
         validation: The validation by joint. If identified parameters predict no better, the joint's
             estimates are the values of the tables.
@@ -169,7 +169,7 @@ def identify_payload(
     recording: DriveRecording,
     known: Identification | None,
 ) -> ParameterEstimate:
-    """Identify the mass at the tip, given the identification of the arm without it, if it exists.
+    """Identify the mass at the tip, given the identification of the empty arm, if there is one.
 
     Raises:
         CalibrationError: A joint has not moved enough.
@@ -303,7 +303,7 @@ def _mass_estimates(
 def _validate(
     joints: Sequence[str], model: DutyModel, loops: Sequence[LoopFit], nominal: ParameterPrior
 ) -> dict[str, Validation]:
-    """Fit the model to some legs, and predict the legs that were kept aside."""
+    """Fit the model to some legs, and predict the legs that were left out."""
     aside = model.windows.leg // 2 % _KEPT_ASIDE == 1
     x, kept = _solve(model.only(~aside))[0], model.only(aside)
     found: dict[str, Validation] = {}

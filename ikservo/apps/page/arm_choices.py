@@ -113,8 +113,8 @@ class ChoiceFinder:
     """Searches for choices in its own thread, because a search takes longer than a control cycle.
 
     Args:
-        given: Arms and ports that the command line has named.
-        port: A port that it has named without an arm.
+        given: Arms and ports from the command line.
+        port: A port from the command line that has no arm.
 
     Attributes:
         found: The latest choices, replaced as a whole.
@@ -138,7 +138,7 @@ class ChoiceFinder:
             self._thread.join()
 
     def add_folders(self, folders: Sequence[Path]) -> None:
-        """Offer the arms in some folders as well."""
+        """Offer the arms in additional folders as well."""
         self._folders += tuple(folders)
         if folders:
             self.start()

@@ -53,7 +53,7 @@ class StartServoTask(PageMessage):
 
 
 class CloseArm(PageMessage):
-    """Close an open arm, or forget one that could not be opened; torque stays unchanged."""
+    """Close an open arm, or forget an arm that could not be opened; torque stays unchanged."""
 
     kind: Literal["close_arm"]
     name: Name

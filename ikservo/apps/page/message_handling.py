@@ -55,7 +55,7 @@ Handler = Callable[[Any, Client], None]
 
 
 class SessionController:
-    """Handles the messages of all clients; one of them controls the arm (``SessionBackend``).
+    """Handles the messages of all clients; one client controls the arm (``SessionBackend``).
 
     Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
 
@@ -401,7 +401,7 @@ class SessionController:
         self._arm_thread.request_job(SetTipZero(found))
 
     def _choose_grasp(self, message: msg.Grasp | msg.RunPanelMotion, client: Client) -> None:
-        """Look for blocks, or choose a block to pick up, or the place for what is held."""
+        """Look for blocks, choose a block to pick up, or choose a place for the held thing."""
         picture, camera = self._require_picture(client)
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
@@ -428,7 +428,7 @@ class SessionController:
         self._episodes.handle(message)
 
     def _circumstances(self) -> tuple[object, ...]:
-        """Return everything that withdraws the offer of a grasp if it changes."""
+        """Return the values that withdraw the offer of a grasp if any of them changes."""
         snapshot, scene, view = self._arm_thread.snapshot, self._arm.scene, self._camera_view
         stops = self._arm.context.servos.stop_request.count
         torque = [state.torque for state in snapshot.states]
@@ -438,7 +438,7 @@ class SessionController:
         return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
 
     def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
-        """Return the camera view of a client; refuse if it has none or the arm is not ready."""
+        """Return the camera view of a client; refuse if there is none or the arm is not ready."""
         self._require_ready()
         picture, camera = self._composer.camera_view(client), self._composer.camera(client)
         if picture is None or not isinstance(camera, LensCamera):
@@ -509,7 +509,7 @@ class SessionController:
         self._hand_stamp = message.stamp, self._clock.now_s()
 
     def _hand_frames(self) -> list[Frame]:
-        """Return what limits the hand, once the arm has been read after its last pose."""
+        """Return the limit of the hand's motion, once the arm was read after the last pose."""
         if self._hand_stamp is None or self._arm_thread.snapshot.read_s <= self._hand_stamp[1]:
             return []
         (stamp, _), self._hand_stamp = self._hand_stamp, None
@@ -544,7 +544,7 @@ class SessionController:
             driver.put_answer(f"{message.action} {message.joint or ''}".strip(), message.number)
 
     def _update_after_session(self) -> None:
-        """Follow a reopened arm, and reset the goal if the session has ended."""
+        """Use the new ``Arm`` after a reopening, and reset the goal if the session has ended."""
         if self._arm_thread.arm is not self._arm:  # its limits may have changed
             self._arm = self._arm_thread.arm
             self.close()
@@ -590,7 +590,7 @@ class SessionController:
         self._interaction.history.clear()
 
     def _grant_control(self, client: Client) -> None:
-        """Give control to a client; it starts at slow speed in the preview."""
+        """Give control to a client, which starts at slow speed in the preview."""
         client.lease = self._lease.acquire(f"page {client.number}", take_over=True).lease
         self._fallback = None
         self._stop_session()
@@ -604,7 +604,7 @@ class SessionController:
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
     def _update_path(self) -> None:
-        """Plan the path to the goal of the preview; in Live, report a refusal by the guard."""
+        """Plan the path to the preview's goal; in Live, report a goal that the guard refuses."""
         goal, now_s = self._interaction.goal, self._clock.now_s()
         if self._arm_thread.command.live:
             self._planner.update(None, now_s)
@@ -622,7 +622,7 @@ class SessionController:
             self._interaction.show_path(path, None if path is None else path.refusal)
 
     def _plan_request(self) -> PlanRequest | None:
-        """Return the path to plan now; None if there is no goal, or the arm is at it."""
+        """Return the path to plan now; None if there is no goal, or the arm is at the goal."""
         grasp = self._grasp.request(self._circumstances())
         if grasp is not None:
             return grasp

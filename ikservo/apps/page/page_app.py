@@ -67,7 +67,7 @@ class ViewUrls:
     Attributes:
         control: The URL with the key that permits moving the arm.
         watch: The URL with the key that permits watching.
-        fingerprint: SHA-256 of its certificate; empty for plain HTTP.
+        fingerprint: SHA-256 of the server's certificate; empty for plain HTTP.
         warnings: Warnings about the address.
     """
 
@@ -81,8 +81,8 @@ class ViewApp:
     """The panel for several arms. Entering it opens the given arms; on leaving, all arms hold.
 
     Args:
-        places: The arms and their ports; simulated ones run in real time. Others can be opened on
-            the page, so there may be none.
+        places: The arms and their ports; simulated arms run in real time. It may be empty, because
+            arms can also be opened on the page.
         listen: The IP address at which the page is served.
         http: See ``BoundAddress``.
         insecure: Serve other machines by plain HTTP instead of TLS.
@@ -92,7 +92,7 @@ class ViewApp:
         cameras: See ``PageCameras``.
         camera_name: See ``PageCameras``.
         servos: The port of the servos that the page shows instead of arms, and their arm.
-        offered_port: A port that the list of arms offers besides those that it finds.
+        offered_port: A port that the list of arms offers in addition to the ports that it finds.
         record: See ``ViewSettings``.
     """
 
@@ -127,7 +127,7 @@ class ViewApp:
         self._exits = ExitStack()
 
     def __enter__(self) -> ViewUrls:
-        """Open the arms and the address; an arm that cannot be opened does not affect the others.
+        """Open the arms and the address; an arm that cannot be opened does not affect other arms.
 
         Raises:
             IkservoError: None of the arms can be opened, or the address cannot be used.
@@ -179,7 +179,7 @@ class ViewApp:
         serve(self._app, self._address)
 
     def serve_in_thread(self) -> ExitStack:
-        """Serve in a separate thread until the stack is closed, so that the program goes on."""
+        """Serve in a separate thread until the stack is closed, so that the program continues."""
         stack = ExitStack()
         stack.enter_context(serve_in_thread(self._app, self._address))
         return stack

@@ -71,7 +71,7 @@ def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
 
 
 def banner(snapshot: ArmSnapshot, fallback: StopNotice | None) -> dict[str, str] | None:
-    """Return why the arm was stopped or Live has ended, and what the user can do."""
+    """Return the reason for a stop or for the end of Live, and what the user can do."""
     notice = snapshot.stop_notice or fallback
     if notice is None or snapshot.calibration:
         return None
@@ -154,7 +154,7 @@ def arm_frame(
 
 
 def known_poses(arm: Arm) -> list[str]:
-    """Return the names of the arm's poses, without taught ones if their file is damaged."""
+    """Return the names of the arm's poses, without taught poses if their file is damaged."""
     try:
         return list(arm.poses.all_poses())
     except IkservoError:
@@ -172,7 +172,7 @@ def status_frame(
 ) -> Frame:
     """Return the frame with all data that the page shows next to the drawing.
 
-    ``step`` is that of a shown solver trace, ``controller`` the page in control (``you``, ``other``
+    ``step`` is the shown solver step, ``controller`` the page in control (``you``, ``other``
     or ``none``), ``fallback`` the reason why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace

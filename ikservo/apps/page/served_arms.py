@@ -68,7 +68,7 @@ class ViewSettings:
     Attributes:
         open_arm: Opens an arm at a port.
         clock: The time of heartbeats.
-        downloads: Takes the files that pages ask for.
+        downloads: Stores the files that pages request.
         dead_man_s: The time for which an arm follows without a heartbeat of its page.
         cameras: The cameras of the page; None for no camera.
         record: The data set to which episodes of the arm are recorded; None for no recording.
@@ -83,7 +83,7 @@ class ViewSettings:
 
 
 def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return the names of arms on a page: the model's, numbered from the second arm on."""
+    """Return the names of arms on a page: model names, numbered from a model's second arm on."""
     names, known = list[str](), set(taken)
     for stem in models:
         numbered = (f"{stem}-{i}" for i in itertools.count(2))
@@ -96,7 +96,7 @@ class ServedArm:
     """One arm of the page, and the backend of the pages that show it (``SessionBackend``).
 
     Args:
-        name: Unique among the arms of the page.
+        name: The name, unique among the arms of the page.
         place: The arm and its port.
         settings: The settings that all arms share.
         find_arm: Finds another arm of the page, to be followed.
@@ -104,7 +104,7 @@ class ServedArm:
 
     Attributes:
         state: State of the arm; written by the thread that opens it, then by the server's thread.
-        error: The reason why it could not be opened.
+        error: The reason why the arm could not be opened.
         arm_thread: Owns the arm; exists while it is open.
         controller: Handles the clients; exists while the arm is open.
         cameras: The cameras that the arm may show; None if it has none.
@@ -193,7 +193,7 @@ class ServedArm:
     ) -> None:
         """Make this arm and another arm of the page obstacles to each other.
 
-        ``at_m`` (3,) and ``rpy_deg`` (3,) place its base frame in that of this arm.
+        ``at_m`` (3,) and ``rpy_deg`` (3,) place the other arm in the base frame of this arm.
 
         Raises:
             InputError: No other arm of that name is open, or it is moving.
@@ -257,7 +257,7 @@ class ServedArm:
 
     @property
     def port_name(self) -> str:
-        """The port's name without the options of a simulated one."""
+        """The port's name without the options of a simulated port."""
         name = self.arm_thread.arm.port_name if self.is_open else self.place.port
         return (name or "").partition("?")[0].partition(":/")[0].rstrip(":")
 
@@ -312,11 +312,11 @@ class ServedArms:
         return self._settings.cameras.names if self._settings.cameras else []
 
     def all(self) -> list[ServedArm]:
-        """Return every arm in the order of opening, including those that could not be opened."""
+        """Return every arm in the order of opening, including arms that could not be opened."""
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:
-        """Find the open arm with a name, or the first one without a name; None if there is none."""
+        """Find an open arm by its name, or the first open arm if no name is given; None if none."""
         found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
         return found[0] if found else None
 
@@ -325,7 +325,7 @@ class ServedArms:
         return None if found is None else found.arm_thread
 
     def open_all(self, places: Sequence[ArmAtPort]) -> None:
-        """Open arms and wait for them; those that cannot be opened stay in the list.
+        """Open arms and wait for them; arms that cannot be opened stay in the list.
 
         Raises:
             IkservoError: The first error, if no arm could be opened, or an arm with a given place
@@ -345,7 +345,7 @@ class ServedArms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
     def check_free(self, place: ArmAtPort) -> None:
-        """Check that no open arm uses a port, and forget failed attempts to open one there.
+        """Check that no open arm uses a port, and forget failed attempts to open an arm there.
 
         Raises:
             BadMessageError: The port is already in use here.
@@ -378,7 +378,7 @@ class ServedArms:
         return arm
 
     def stop(self, name: str | None, by: str) -> None:
-        """Stop an arm, or every open arm without a name; it holds until acknowledged.
+        """Stop one arm, or every open arm if no name is given; it holds until acknowledged.
 
         Args:
             name: The arm; None: every open arm.

@@ -88,7 +88,7 @@ def check_arm_name(name: str) -> str:
     """Check the name under which an arm will be served.
 
     Raises:
-        BadValueError: The name has other characters, or is empty.
+        BadValueError: The name is empty, too long, or has a forbidden character.
     """
     if not _NAME.fullmatch(name):
         raise BadValueError("The name of the served arm", shown(name), _EXPECTED_NAME)

@@ -137,8 +137,8 @@ class ArmServer:
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
         """Return the context for running a request; a later stop ends its motion.
 
-        A stop while the request was on its way, or was waiting in its program, also ends the
-        motion. A larger stop count is capped, or the motion could survive later stops.
+        A stop while the request was on its way, or was waiting in the client, also ends the
+        motion. A larger stop count is capped, because the motion could survive later stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count
@@ -200,7 +200,7 @@ class ArmServer:
                 return self._move(service, request)
 
     def _move(self, service: str, request: ServiceRequest) -> object:
-        """Run a request that may move the arm; refuse invalid ones before the lease changes."""
+        """Run a request that may move the arm; refuse an invalid one before the lease changes."""
         progress = bool(request.arguments.pop("progress", False))
         on_progress = self._publish_progress() if progress else None
         if service in ("move", "execute"):

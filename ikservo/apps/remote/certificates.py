@@ -40,7 +40,7 @@ def keys_folder() -> Path:
 
 
 def client_certificate(endpoint: Endpoint) -> Certificate | None:
-    """Return this machine's certificate for connections: operator, or else watcher.
+    """Return this machine's certificate for connections: an operator's, or else a watcher's.
 
     Raises:
         InputError: TLS needs a certificate, and there is none.

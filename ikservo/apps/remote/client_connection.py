@@ -203,7 +203,7 @@ class Connection:
         """Send a request as operator that needs no lease; return the result.
 
         Raises:
-            RefusedError: This machine's certificate is not an operator's.
+            RefusedError: This machine's certificate is not a certificate of an operator.
             IkservoError: The request failed on the server, or the connection is lost.
         """
         self._require_open()

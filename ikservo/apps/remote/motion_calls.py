@@ -25,7 +25,7 @@ class MotionCalls:
     """Requests plans and motions from the server of an arm.
 
     Attributes:
-        stop_request: Stops the arm, and knows which motions were requested before a stop.
+        stop_request: Stops the arm, and shows which motions were requested before a stop.
     """
 
     def __init__(self, connection: Connection) -> None:
@@ -47,7 +47,7 @@ class MotionCalls:
             return self.await_result(self.start(service, **arguments, **more), None)
 
     def start(self, service: str, **arguments: object) -> PendingCall:
-        """Request a motion, which is ended by any stop since the program asked for the motion."""
+        """Request a motion; any stop after the program has asked for the motion ends it."""
         count = self.stop_request.marked_count
         return self._connection.start(service, stop_count=count, **arguments)
 
@@ -129,6 +129,6 @@ class RemoteStopRequest(StopRequest):
             self.count_here += 1
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request a stop from that machine without waiting until the arm rests."""
+        """Request a stop from the other machine without waiting until the arm rests."""
         self.count_stop(reason)
         self._connection.stop(reason.text, reason.kind.name, wait=False)

@@ -146,7 +146,7 @@ def plan_from_fields(
     The fields are from ``PlanRegistry.add`` on the server; ``fetch`` returns samples by plan id.
 
     Raises:
-        IkservoError: The fields are from another version.
+        IkservoError: The fields are from another version of ikservo.
     """
     match fields:
         case {"plan": str(name), "solution": solution, "duration_s": float(duration_s), **plain}:

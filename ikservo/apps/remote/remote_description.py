@@ -24,7 +24,7 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
 
     Raises:
         InputError: The arm has other joints.
-        IkservoError: The answer is from another version.
+        IkservoError: The answer is from another version of ikservo.
     """
     said = parse_result(dict[str, object], connection.watch("describe"))
     known = {each.name for each in fields(ArmDescription)}  # a newer version may have more fields
@@ -49,7 +49,7 @@ def described_chain(model: Model, there: ArmDescription) -> Chain:
 
 
 class RemotePoses(PoseLibrary):
-    """The poses of an arm on another machine: those of its arm file and those taught there."""
+    """The poses of an arm on another machine: poses of its arm file and poses taught there."""
 
     def __init__(self, model: Model, connection: Connection) -> None:
         super().__init__(model, "")
@@ -58,7 +58,7 @@ class RemotePoses(PoseLibrary):
         self.path = Path(self._fetch().path)
 
     def all_poses(self) -> dict[str, Positions]:
-        """Return all poses by name, those of the arm file first."""
+        """Return all poses by name, the poses of the arm file first."""
         return dict(self._fetch().all)
 
     def user_poses(self) -> dict[str, Positions]:

@@ -125,7 +125,7 @@ class _MachineStop:
             self._unreached = error
 
     def result(self) -> StopAllResult:
-        """Return the confirmed arms, and errors for the others."""
+        """Return the arms that have confirmed the stop, and an error for each other arm."""
         silent = sorted(self._expected - self._stopped.keys() - self._errors.keys())
         errors = [*self._errors.values(), *(self._not_confirmed(name) for name in silent)]
         if not (self._expected or self._stopped or errors):

@@ -119,7 +119,7 @@ def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object
 def next_items(
     clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
 ) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
-    """Yield an item per period, and whether ``targets`` have ended; then None and True forever."""
+    """Yield an item per period, and whether ``targets`` have ended; then None and True."""
     items = iter(targets)
     for _ in Rate(clock, period_s):
         try:

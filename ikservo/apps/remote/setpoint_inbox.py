@@ -20,7 +20,7 @@ _POLL_S = 0.05
 
 
 class SetpointInbox:
-    """Holds the newest goal, and whether the operator wants the motion to go on.
+    """Stores the newest goal, and whether the operator wants the motion to continue.
 
     Setpoints may overtake the request that starts their motion. Therefore, setpoints that arrive
     before ``begin`` are kept, and are used if they were sent after that request.
@@ -67,7 +67,7 @@ class SetpointInbox:
 
     @property
     def wanted(self) -> bool:
-        """Whether the operator wants the motion to go on."""
+        """Whether the operator wants the motion to continue."""
         return not (self._closed or self._counts(self._end))
 
     def take(self) -> CartesianOrJointTarget | None:
@@ -89,7 +89,7 @@ class SetpointInbox:
         return time.monotonic() - self._goal_s
 
     def keep_going(self) -> bool | None:
-        """Return whether to go on; None if the operator has sent nothing new."""
+        """Return whether to continue; None if the operator has sent nothing new."""
         with self._changed:
             if not self.wanted:
                 return False

@@ -246,10 +246,10 @@ def result_of(data: bytes) -> object:
 
 
 def parse_result(kind: type[T], result: object) -> T:
-    """Return a decoded result after checking its type, one of ``RESULT_TYPES`` or any for pydantic.
+    """Return a decoded result after its type was checked, or plain values were converted to it.
 
     Raises:
-        IkservoError: The result has another type, so the other end is another version.
+        IkservoError: The result has another type, so the other end runs another version.
     """
     if kind in RESULT_TYPES.values():
         if not isinstance(result, kind):

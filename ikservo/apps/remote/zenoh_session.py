@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The files of this end's certificate and private key, and of the authority that both trust."""
+    """Files: this end's certificate and private key, and the authority that both ends trust."""
 
     authority: Path
     certificate: Path
@@ -153,7 +153,7 @@ def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
 
 
 def who_asks() -> str:
-    """Return the user and machine of this program, as shown to others."""
+    """Return the user and machine of this program, as shown to other users."""
     try:
         user = getpass.getuser()
     except (ImportError, KeyError, OSError):  # an account without a name
@@ -205,7 +205,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
 
 
 def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
-    """Return why the only endpoint is unreachable, and a hint or nothing; None if unknown.
+    """Return the reason why the only endpoint is unreachable, with a hint; None if unknown.
 
     Zenoh reports the same timeout for a missing host, a closed port, and TLS at only one end.
     """

@@ -74,7 +74,7 @@ def require_pyarrow() -> None:
 
 
 def read_dataset(folder: Path, what: str = "state") -> Dataset:
-    """Read all episodes of a data set: ``state``, measured values, or ``action``, commanded ones.
+    """Read all episodes of a data set: measured (``state``) or commanded values (``action``).
 
     Raises:
         UnknownNameError: ``what`` is neither of the two.

@@ -240,8 +240,8 @@ def write_dataset(
     """Write recordings as the episodes of a new data set; return the number of its frames.
 
     Each recording is sampled at ``fps``. The action of each frame is the joint positions in the
-    next frame. The folder must be new or empty; without ``fps``, the rate is that of the first
-    recording.
+    next frame. The folder must be new or empty; without ``fps``, the rate of the first
+    recording is used.
 
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.

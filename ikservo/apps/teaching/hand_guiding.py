@@ -3,8 +3,8 @@
 Each servo stays in position mode: a goal that leads its joint by the sag under gravity makes the
 servo hold with just the torque of gravity. Each joint has an anchor, which stays until the hand has
 moved the joint by a small angle from it, and then follows at that distance. The torque is therefore
-that of gravity plus at most the stiffness times that angle, and an arm that nobody touches stays at
-rest.
+the torque of gravity plus at most the stiffness times that angle, and an arm that nobody touches
+stays at rest.
 
 Current or duty modes would need an EEPROM write on a Dynamixel, and the arm would fall if the
 program were killed. In position mode it holds.
@@ -87,7 +87,7 @@ class HandGuiding:
         return TrajectoryPoint.at_rest(np.where(self._moved_by_hand, goals, self._goals))
 
     def _lead(self) -> Vector:
-        """Compute the lead (n,) of goals over the anchors with which the servos carry the links."""
+        """Compute the lead (n,) of goals ahead of the anchors that lets servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 

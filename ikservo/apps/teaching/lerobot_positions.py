@@ -27,10 +27,10 @@ def positions_of_lerobot(
 ) -> Matrix:
     """Compute positions (k, n), rad or m, from values (k, m) of a LeRobot robot.
 
-    Values are degrees from the middle of the swept range or, in ``percent``, -100 to 100 %; those
-    of the gripper are 0 to 100 %. ``names`` are their columns; the joints of ``model`` are the
-    columns of the result. ``joints`` are LeRobot's calibration at that time, ``calibration`` has
-    the zeros of the geometry.
+    Values are degrees from the middle of the swept range or, in ``percent``, -100 to 100 %; gripper
+    values are 0 to 100 %. ``names`` are the columns of the values; the joints of ``model``
+    are the columns of the result. ``joints`` are LeRobot's calibration at the time of the values,
+    ``calibration`` has the zeros of the geometry.
 
     Raises:
         CalibrationError: A joint is missing from a calibration, or has another servo.

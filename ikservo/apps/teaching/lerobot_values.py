@@ -36,7 +36,7 @@ class JointValue:
 class JointValues:
     """The values of all joints of an arm, base to tip, the gripper last.
 
-    The zeros are those of the geometry. A gripper is at 0 if its jaws meet and at 100 if they are
+    The zeros are those of the URDF. A gripper is at 0 if its jaws meet and at 100 if they are
     fully open; the value of a prismatic joint is in millimetres.
     """
 

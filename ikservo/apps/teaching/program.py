@@ -100,11 +100,11 @@ Label = Annotated[str, Field(min_length=1, max_length=80)]
 _LABEL, _SPEED = "1 to 80 characters", "slow, normal or fast"
 Repeat = Annotated[int, Field(ge=1, le=100_000)] | Literal["until stopped"]
 UNTIL_STOPPED = "until stopped"
-"""Value of ``repeat`` for a program that has no last repetition."""
+"""Value of ``repeat`` for a program that is repeated until it is stopped."""
 
 
 class Grid(StrictModel):
-    """``grid``: places in rows and columns, of which each repetition uses the next one."""
+    """The key ``grid``: places in rows and columns; each repetition uses the next place."""
 
     rows: Annotated[int, Field(ge=1, le=30)] = Field(description="a whole number from 1 to 30")
     columns: Annotated[int, Field(ge=1, le=30)] = Field(description="a whole number from 1 to 30")
@@ -122,7 +122,7 @@ class Grid(StrictModel):
 
 
 class ProgramStep(StrictModel):
-    """One of the ``[[steps]]``: a motion, a motion of the gripper, or a wait."""
+    """One of the ``[[steps]]``, such as a motion, a motion of the gripper, or a wait."""
 
     name: Label | None = Field(default=None, description=_LABEL)
     pose: Label | None = Field(default=None, description="the name of a pose")
@@ -190,13 +190,13 @@ class ProgramStep(StrictModel):
         return self.pause is None and self.program is None
 
     def at_repetition(self, repetition: int) -> ProgramStep:
-        """Return the step as a repetition of the program runs it: at its place of the grid."""
+        """Return the step for a repetition of the program, with the place from its grid."""
         if self.grid is None or self.tip_m is None:
             return self
         return self.model_copy(update={"tip_m": self.grid.place_m(self.tip_m, repetition)})
 
     def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
-        """Return the motion of the step; ``speed`` is the class for a motion that has one.
+        """Return the motion of the step; ``speed`` is the speed class, if the motion has one.
 
         Raises:
             BadValueError: A revolute joint is given in metres, or a prismatic one in degrees; or
@@ -260,7 +260,7 @@ class ProgramStep(StrictModel):
 
 
 class Program(StrictModel):
-    """A program: the whole file."""
+    """The content of a program file."""
 
     format: Literal[1] = Field(description="1")
     arm: Name = Field(description="the arm's name")
@@ -283,7 +283,7 @@ class Program(StrictModel):
 
     @property
     def is_sequence(self) -> bool:
-        """Whether it is a fixed list of motions: no condition, grid, pause, or other program."""
+        """Whether the steps are fixed motions: no condition, grid, pause, or other program."""
         steps = self.steps
         plain = all(s.has_motion and s.only_if is None and s.grid is None for s in steps)
         return plain and self.repeat != UNTIL_STOPPED

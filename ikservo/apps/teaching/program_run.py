@@ -24,7 +24,7 @@ from ikservo.planning.reports import (
 )
 
 MAX_CHECKS = 5000
-"""Largest number of steps that a check plans, with all places of grids and called programs."""
+"""Largest number of steps in a check, including all places of grids and called programs."""
 
 StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 """Report on the motion of a step."""
@@ -74,7 +74,7 @@ class ProgramRun:
 
     Raises:
         InputError: The program, or one that it calls, is for another arm; or a called program
-            calls another one, or is repeated until it is stopped.
+            calls another program, or is repeated until it is stopped.
         FileFormatError: A called program is malformed.
     """
 

@@ -50,7 +50,7 @@ _HEALTH_PERIOD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RecordResult:
-    """Result of a recording; its duration is that from the first to the last sample."""
+    """Result of a recording; the duration is the time from the first to the last sample."""
 
     path: Path
     samples: int
@@ -114,7 +114,7 @@ def describe_arm(
 ) -> RecordedArm:
     """Return the data of an arm that a recording needs besides its samples.
 
-    An empty serial number means an adapter without one; None, an arm on another machine.
+    An empty serial number means an adapter without one; None means an arm on another machine.
 
     Raises:
         BadValueError: The period is out of its range.
@@ -226,7 +226,7 @@ def record_other_process(
     port: str | None,
     settings: RecordSettings,
 ) -> RecordResult | None:
-    """Record the states of an arm that another program moves; None if no program has its port.
+    """Record the states of an arm that another program moves; None if no program uses its port.
 
     Raises:
         IkservoError: That program has ended, or the file cannot be written.

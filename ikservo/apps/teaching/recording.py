@@ -169,7 +169,7 @@ class RecordingWriter:
         self.write(time_s, sample.positions)
 
     def close(self) -> None:
-        """Close the file, which then replaces an existing one.
+        """Close the file, which then replaces an existing file.
 
         Raises:
             FileWriteError: The disk is not writable.

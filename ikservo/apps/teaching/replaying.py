@@ -199,7 +199,7 @@ def _load(
 
 
 def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
-    """Add a hint if the path (k, n) would be allowed for an arm that rests at one of its ends.
+    """Add a hint if the path (k, n) would be allowed for an arm that rests at one end.
 
     Contacts at the start of a replay are allowed throughout the path.
     """

@@ -65,7 +65,7 @@ def command(
     duration: Duration = None,
     options: Annotated[MotionOptions, Without("collision", "dry_run", "no_wiggle", "tip")],
 ) -> None:
-    """Save the pose of an arm under a name: torque goes off, and you move the arm by hand.
+    """Save the pose of an arm under a name: torque is switched off, and you move the arm by hand.
 
     With --float torque stays on: the arm carries its weight, follows your hand, and then holds.
 

@@ -1,4 +1,4 @@
-"""A hand, a phone or a tracker that moves the tool, as if the hand held the gripper."""
+"""Move the tool by a hand, a phone or a tracker, as if the hand held the gripper."""
 
 from ikservo.app import App
 

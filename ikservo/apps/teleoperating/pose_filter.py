@@ -39,13 +39,13 @@ _JUMP_RAD, _JUMP_RAD_S = 0.5, 10.0
 _MAX_TURN_RAD = 2.0
 _IN_PLANE = 0.3  # length of a direction's part in the arm's plane below which it has none
 MAX_CYCLE_S = 0.05
-"""Longest time between two steps for which a goal moves [s]; a longer one counts as this."""
+"""Longest time between two steps for which a goal moves [s]; a longer time is cut to this."""
 
 TABLE = "the table"
 """Name of the table in the pair of a ``CollisionError``."""
 
 LAG_S = 0.03
-"""Time by which a joint is behind its goal because of cycles and servos [s]."""
+"""Delay of a joint behind its goal because of cycles and servos [s]."""
 
 _SINGULAR_M_RAD = 0.04  # the slowest motion of the tip per radian below which the goal slows down
 _SLOWEST = 0.2  # fraction of the speed in a singular posture
@@ -66,10 +66,10 @@ class TrackedPose:
     """A pose of a hand or tracker.
 
     Attributes:
-        pose: The pose T_source_hand (4, 4), metres. The axes of the source are parallel to those
-            of the arm's base frame; its origin may be anywhere.
-        held: Whether the clutch is closed: the arm moves with the hand only while it is.
-        opening: The opening of the gripper, from 0 for closed to 1 for open; None leaves it.
+        pose: The pose T_source_hand (4, 4), metres. The axes of the source are parallel to the
+            axes of the arm's base frame; its origin may be anywhere.
+        held: Whether the clutch is closed; the arm moves with the hand only while it is closed.
+        opening: The opening of the gripper, from 0 (closed) to 1 (open); None: no change.
 
     Raises:
         InputError: A number is not finite, or the orientation is not a rotation.
@@ -104,7 +104,7 @@ class _HandEstimate:
 
     Args:
         tracked: The first pose.
-        time_s: Its time.
+        time_s: The time of the first pose.
     """
 
     def __init__(self, tracked: TrackedPose, time_s: float) -> None:
@@ -113,7 +113,7 @@ class _HandEstimate:
         self._velocity_m_s, self._turn_rad_s = np.zeros(3), np.zeros(3)
 
     def has_jumped(self, tracked: TrackedPose, time_s: float) -> bool:
-        """Check whether a pose is further from the last one than a hand can move meanwhile."""
+        """Check whether a pose is further from the last pose than a hand can move in that time."""
         since_s = min(time_s - self.time_s, _MAX_PERIOD_S)
         distance_m = float(np.linalg.norm(tracked.matrix[:3, 3] - self.last[:3, 3]))
         angle_rad = float(np.linalg.norm(log_so3(tracked.matrix[:3, :3] @ self.last[:3, :3].T)))
@@ -123,7 +123,7 @@ class _HandEstimate:
         )
 
     def update(self, tracked: TrackedPose, time_s: float) -> None:
-        """Take the next pose."""
+        """Update the estimate with the next pose."""
         self._period_s = min(max(time_s - self.time_s, _MIN_PERIOD_S), _MAX_PERIOD_S)
         predicted = self.predict(time_s, 0.0)
         kept = math.exp(-self._period_s / _MEMORY_S)
@@ -161,18 +161,18 @@ class PoseFilter:
     Position and orientation are weighted: 1 mm counts like 6°. Arms with four or five joints can
     turn their tool only within the plane of the arm: the direction of the tool is the wanted one,
     projected to this plane, and the roll about it is that of the hand (swing and twist). The goal
-    never moves faster than the joints, and more slowly near singular postures.
+    never moves faster than the joints can, and it moves more slowly near singular postures.
 
     Args:
         chain: The arm, with its own limits.
         approach_axis: The tool axis (3,), in the coordinates of the tip.
         limits: The kinematic limits of each joint.
-        scale: The scale from the motion of the hand to that of the tip, 0.25 to 2.
+        scale: The scale from the motion of the hand to the motion of the tip, 0.25 to 2.
 
     Attributes:
         wanted: The wanted pose T_base_tip (4, 4); None while the clutch is open.
         limit: Reason why the goal is not at the wanted pose: a joint at its limit, ``reach``,
-            ``singular``, ``speed``, ``turn``, ``the table`` or ``jump``; empty if it is.
+            ``singular``, ``speed``, ``turn``, ``the table`` or ``jump``; empty if it is there.
         is_out_of_reach: Whether the wanted position is out of reach.
 
     Raises:
@@ -211,7 +211,7 @@ class PoseFilter:
 
     @property
     def scale(self) -> float:
-        """The scale from the motion of the hand to that of the tip; a change opens the clutch."""
+        """The scale from the hand's motion to the tip's motion; a change opens the clutch."""
         return self._scale
 
     @scale.setter
@@ -229,7 +229,7 @@ class PoseFilter:
         self._touched_m = math.inf  # lowest height of the tip when a goal touched the table
 
     def on_rejected(self, pair: Sequence[str], kept: Vector) -> None:
-        """Slide along the table if a goal was refused because of it.
+        """Slide along the table if a goal was refused because it would touch the table.
 
         Args:
             pair: The parts that would touch, see ``CollisionError``; empty without a contact.
@@ -246,7 +246,7 @@ class PoseFilter:
 
         Args:
             tracked: The newest pose, or None if there is none since the last call.
-            q: The last goal (dof,), as it was accepted.
+            q: The last accepted goal (dof,).
             time_s: The present time.
         """
         elapsed_s = min(max(time_s - self._stepped_s, 0.0), MAX_CYCLE_S)
@@ -314,9 +314,9 @@ class PoseFilter:
         return self._bounded(self._solution, q, elapsed_s)
 
     def _reachable(self, R_wanted: Matrix, q: Vector, R: Matrix) -> Matrix | None:
-        """Return the orientation (3, 3) nearest to a wanted one that the arm can have at q (dof,).
+        """Return the attainable orientation (3, 3) at q (dof,) that is nearest to the wanted one.
 
-        None: the wanted direction is across the plane of the arm, so none is nearest.
+        Return None if the wanted direction is perpendicular to the plane of the arm.
         """
         if not self._plane.rotates:
             return R_wanted
@@ -347,13 +347,13 @@ class PoseFilter:
         return self._chain.clip(q + step)
 
     def _mobility(self, q: Vector) -> float:
-        """Return the slowest motion of the tip per radian [m/rad] at joints (dof,)."""
+        """Return the smallest motion of the tip per radian [m/rad] at joints (dof,)."""
         sizes = np.linalg.svd(self._chain.jacobian(q)[:3], compute_uv=False)
         return float(sizes[self._moves - 1])
 
 
 def _swing(start: Vector, end: Vector) -> Matrix:
-    """Compute the shortest rotation (3, 3) from one unit vector to another one."""
+    """Compute the smallest rotation (3, 3) from one unit vector to another."""
     axis = np.cross(start, end)
     length = float(np.linalg.norm(axis))
     if length < 1e-12:

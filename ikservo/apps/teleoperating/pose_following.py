@@ -34,12 +34,12 @@ def follow_pose(
     """Move the tool as a tracked hand moves, relative to where both were at the beginning.
 
     Each control cycle takes the next item: a ``TrackedPose``, a pose (4, 4) of the hand, or None
-    for nothing new. Position and turn of the tool are weighted, 1 mm like 6°; of the turn, the
-    direction of the tool comes before the roll about it. What the arm cannot follow is left out.
-    A pose that a hand cannot have reached since the last one moves nothing. Without poses the goal
-    stays; after 0.3 s, following ends.
+    if there is no new pose. Position and orientation are weighted: 1 mm counts like 6°; the
+    direction of the tool has priority over the roll about it. The arm omits parts of the motion
+    that it cannot follow. If the hand cannot have reached a pose since the last one, the arm does
+    not move. Without new poses the goal stays; after 0.3 s, following ends.
 
-    ``scale`` is the motion of the tip for that of the hand, 0.25 to 2; ``speed`` is the speed
+    ``scale`` is the ratio of tip motion to hand motion, 0.25 to 2; ``speed`` is the speed
     class; ``on_progress`` is called with a ``MotionProgress`` in every cycle.
 
     Raises:
@@ -68,7 +68,7 @@ class _PoseGoals:
     """Joint goals for a stream of poses, one per control cycle.
 
     Attributes:
-        ended: Why the stream was ended here; empty if its source or the arm has ended it.
+        ended: The reason for the time-out; empty if the source or the arm has ended the stream.
         unreached: The number of cycles in which the wanted pose was out of reach.
     """
 
@@ -91,7 +91,7 @@ class _PoseGoals:
         self.ended, self.unreached = "", 0
 
     def on_progress(self, progress: MotionProgress) -> None:
-        """Take the measured joints, and at first those at which the arm starts."""
+        """Store the measured joints, and in the first cycle the setpoints as the first goal."""
         self._measured = progress.joints_rad
         if not len(self._goal):
             self._goal = progress.setpoints_rad.copy()
@@ -122,7 +122,7 @@ class _PoseGoals:
             yield self._index.by_name(self._goal)
 
     def _move_gripper(self, elapsed_s: float) -> None:
-        """Move the goal of the gripper to its wanted opening, as far as speed and grip allow."""
+        """Move the gripper's goal towards the wanted opening, within limits of speed and lead."""
         gripper = self._context.model.gripper
         if gripper is None or self._opening is None:
             return

@@ -47,7 +47,7 @@ def plan_restoration(
 
     Raises:
         InputError: The backup is from another servo or model, which was not allowed.
-        CalibrationError: The connected servo is a different model from the one in the arm file.
+        CalibrationError: The connected servo is a different model from the model in the arm file.
         RegisterAccessError: Torque is on, or the servo does not accept a value.
         BusError: The servo does not answer.
     """

@@ -102,7 +102,7 @@ class StepResponse:
 
     @property
     def cost(self) -> float:
-        """Cost for comparing gains: 1 per degree and per 0.2 s, and a high cost for swinging."""
+        """Cost of the gains: 1 per degree of error and per 0.2 s of settling, 10 for swinging."""
         far = np.degrees(self.overshoot_rad + self.steady_error_rad)
         return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
 
@@ -355,7 +355,7 @@ def try_gains(
     try_one: Callable[[Mapping[Register, int]], _Tried],
     search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
 ) -> list[_Tried]:
-    """Return trials of the present gains, of the given gains, and of a search.
+    """Return trials of the present gains, of the given gains, and of gains from a search.
 
     The present gains are restored at the end, even after an error.
     """
@@ -372,7 +372,7 @@ def try_gains(
 def try_steps(
     arm: Arm, servo: ServoSpec, given: Mapping[Register, int], step_rad: float, *, suggest: bool
 ) -> list[Trial]:
-    """Return step responses with the present gains, the given gains, and those of a search.
+    """Return step responses with the present gains, the given gains, and gains from a search.
 
     Raises:
         IkservoError: The errors of ``measure_response``; the present gains are restored.

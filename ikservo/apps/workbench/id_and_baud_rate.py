@@ -64,7 +64,7 @@ def provision(
 
     Values that are already right are not written. The EEPROM is always locked at the end. The first
     EEPROM copy is made before any write, under the new id. This copy is in the folder ``owner``;
-    without a name, none is made. Afterwards the port has the servo's new rate.
+    if ``owner`` is empty, no copy is made. Afterwards the port has the servo's new rate.
 
     Raises:
         CalibrationError: The servo is a different model; nothing was written.
@@ -112,7 +112,7 @@ def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> 
 
 
 def check_address_is_free(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> None:
-    """Check that no other servo replies at an id, at the port's rate or at a new one.
+    """Check that no other servo replies at an id, at the port's rate or at a new rate.
 
     Raises:
         InputError: Another servo replies; nothing was written.
@@ -179,7 +179,7 @@ class _ServoBeingProvisioned:
         write_atomic(path, backup_text(self._bus, self._id, self._settings.servo.id))
 
     def set_id_and_rate(self, servo_id: int, baud_code: int) -> None:
-        """Set the id, then the rate; the servo may reply at the old or the new ones."""
+        """Set the id, then the rate; the servo may reply at the old or new values."""
         if self._id != servo_id:
             self._unlock_eeprom()
             self._write_unconfirmed(self._table.id, servo_id)
@@ -227,7 +227,7 @@ _LOW_IDS = range(21)  # ids of new servos and most arms, quick to try at all rat
 _PERIOD_STEPS = 4  # in 4 scans, one tries low ids at all rates and one all ids at all rates
 _PAUSE_S = 0.1
 Place = tuple[int, Framing]
-"""A baud rate and the framing of packets at it."""
+"""A baud rate, and the framing of packets at that rate."""
 
 
 def wait_for_servo(
@@ -240,8 +240,8 @@ def wait_for_servo(
 
     It may have any known baud rate and belong to any family; the protocol of ``table`` is tried
     most often, at ``rate`` and at the rates of a new servo. The wait continues while several
-    servos reply, even at one id. Yields each baud rate before it is tried, and the replying servos
-    when they change.
+    servos reply, even with the same id. Yields each baud rate before it is tried, and the replying
+    servos when they change.
 
     Raises:
         ServoSilentError: No servo replies, or several do.
@@ -288,7 +288,7 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
 def _search_places(
     table: type[ControlTable], rate: int, before: Sequence[FoundServo], attempt: int
 ) -> list[Place]:
-    """Return the rates and framings to scan next, beginning with those of the last replies.
+    """Return the rates and framings to scan next, beginning with the rates of the last replies.
 
     A servo that has replied is thus confirmed at once, without the long search at all rates.
     """

@@ -87,7 +87,7 @@ def _expected_registers(
 
 
 def all_servos(model: Model) -> list[ModelServo]:
-    """List every servo of the arm file; a joint's first servo stands before its other servos."""
+    """List every servo of the arm file; a joint's first servo comes before its other servos."""
     return [servo for joint in model.joints for servo in (joint.servo, *joint.shadows)]
 
 
@@ -95,7 +95,7 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
     """Write the arm file's EEPROM values and a zero return delay; return the changes.
 
     Registers that a calibration of this arm has set are not written. Trial values that a killed
-    program has left are replaced by the former ones.
+    program has left are replaced by the former values.
 
     Raises:
         FileFormatError: The file of former values of a servo is damaged; nothing is written.
@@ -124,7 +124,7 @@ _LONG_DELAY_S = 1e-4  # sum over all servos
 
 
 def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
-    """Check the servos that reply; without a model, check only each by itself. Change nothing."""
+    """Check the servos that reply, without changes; without a model, check each only by itself."""
     limits = model.health if model else _USUAL_HEALTH
     wrong_supply = set[int]()
     checks: dict[str, Callable[[], Iterator[Finding]]] = {

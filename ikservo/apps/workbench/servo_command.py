@@ -140,7 +140,7 @@ OtherModel = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class ServoLineOptions:
-    """The serial line of the servos, which belong to an arm or to none."""
+    """The serial line of servos that may belong to an arm."""
 
     arm: ArmOption = None
     port: ServoPortOption = None
@@ -257,7 +257,7 @@ def reboot(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Restart a servo; its torque goes off.
+    """Restart a servo; this switches its torque off.
 
     ikservo servo reboot --arm so101 --id 3
     """
@@ -272,7 +272,7 @@ def reset(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Give a servo its factory settings; its torque goes off.
+    """Reset a servo to its factory settings; this switches its torque off.
 
     ikservo servo reset --port /dev/ttyACM0 --id 3
     """
@@ -360,7 +360,7 @@ def tune(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Move a joint quickly with its present gains and with others, and compare the responses.
+    """Move a joint quickly with its present gains and other gains, and compare the responses.
 
     ikservo servo tune --suggest --arm so101 --id elbow_flex
     """

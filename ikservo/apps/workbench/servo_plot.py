@@ -60,7 +60,7 @@ class _Curve:
 
 
 def read_joint_maps(line: ServoLine, model: Model, words: Sequence[str]) -> dict[int, JointMap]:
-    """Return the joint maps, by servo id, of the joints of an arm that are among the words.
+    """Return the joint maps, by servo id, of the joints that the words name.
 
     Raises:
         CalibrationError: The arm's calibration contradicts its servos or its arm file.
@@ -86,7 +86,7 @@ def show_plot(
 ) -> None:
     """Print registers of servos until Ctrl-C: curves on a terminal, CSV or JSON for programs.
 
-    Registers have the vendor's or the common names; without names, those of motion are shown.
+    Registers have the vendor's or the common names; by default, the registers of motion.
 
     Raises:
         UnknownNameError: A model has no such register.

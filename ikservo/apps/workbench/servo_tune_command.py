@@ -107,7 +107,7 @@ def tune_joint(
     yes: bool,
     json: bool,
 ) -> None:
-    """Measure a joint with its present and the given gains, and on request search for better ones.
+    """Measure a joint with its present and the given gains, and on request search for better gains.
 
     The present gains are restored at the end. Gains to try are written ``p_gain=16``. ``far_rad``
     is the size of the step or, with the lowest and highest frequency ``sine_hz``, the amplitude of

@@ -83,7 +83,7 @@ class ServoLine:
         return found[0]
 
     def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
-        """Return the line with the given ids in place of those in the arm file."""
+        """Return the line with the given ids instead of the ids in the arm file."""
         specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
         bus = ServoBus(self.bus.port, specs)
         bus.backup_owner = self.bus.backup_owner
@@ -100,7 +100,7 @@ def open_servos(
     baud_rate: int | None = None,
     on_step: OnScanStep | None = None,
 ) -> Generator[ServoLine]:
-    """Open the servos of an arm, or those that reply on a line; a signal waits for a running write.
+    """Open the servos of an arm, or all that reply on a line; signals wait for a running write.
 
     Without an arm, servos are searched for: at one id and baud rate, or at all known ones. Their
     table is ``table``, if given.
@@ -238,7 +238,7 @@ def find_register(table: type[ControlTable], name: str) -> Register:
 
 
 def register_names(model_name: str | None) -> list[str]:
-    """Return a model's register names, or those of all known models if it is unknown or None."""
+    """Return a model's register names, or the names of all known models if it is unknown."""
     tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
     return sorted({name for table in tables for name in table.registers})
 
@@ -283,7 +283,7 @@ def parse_register_value(register: Register, text: str) -> int:
     """Parse a value: a plain integer is the raw number, a number with a unit is a quantity.
 
     Raises:
-        InputError: The text is not a number, or the unit is not that of the register.
+        InputError: The text is not a number, or the unit does not fit the register.
     """
     if re.fullmatch(r"[+-]?[0-9]{1,12}|0[xX][0-9a-fA-F]{1,9}", text):
         return int(text, 0) if "x" in text.lower() else int(text)
@@ -341,15 +341,15 @@ def write_registers(
     """Make the first EEPROM copy, then write the planned changes and verify them.
 
     An EEPROM that a killed program has left unlocked is locked, even if nothing changes. Torque
-    comes on at the present position. Id and baud rate are written last, because the servo then
-    replies at the new ones.
+    is switched on at the present position. Id and baud rate are written last, because the servo
+    then replies at the new values.
 
     Raises:
         RegisterAccessError: Torque is on, or it is off and a goal is written.
         ServoRejectedError: A number was not stored.
         InputError: The new id belongs to another servo.
         BusError: The servo does not reply.
-        StoppedError: Another program has stopped this one.
+        StoppedError: Another program has stopped this program.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
     bus, table = line.bus, servo.table

@@ -1,4 +1,4 @@
-"""Keep a servo's former values on disk while others are tried, until they are restored.
+"""Keep a servo's former values on disk while other values are tried, until they are restored.
 
 A program that is killed during a trial leaves the trial values in the servo until its power
 goes off; the file holds the former values.
@@ -28,7 +28,7 @@ _MOST_BYTES = 10_000
 
 
 def note_former(bus: ServoBus, servo: ServoSpec, former: Mapping[Register, int]) -> None:
-    """Write the present values of a real servo to a file before others are tried.
+    """Write the present values of a real servo to a file before other values are tried.
 
     Raises:
         FileWriteError: The file cannot be written.

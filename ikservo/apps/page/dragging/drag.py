@@ -1,8 +1,8 @@
 """Dragging: conversion of pointer, wheel and keys to targets for the tip, a link or a joint.
 
-If links, objects and the free plane overlap under the pointer, a click without a motion, or a key,
-selects the next one. Once the pointer has moved, or something else is under it, the first one is
-selected again. None stands for the free plane: the tip moves to the pointer.
+If links, objects and the free plane overlap under the pointer, a click without motion, or a key
+press, selects the next of them. Once the pointer has moved, or other things are under it, the first
+is selected again. None stands for the free plane: the tip moves to the pointer.
 
 A state machine without clock, page or servo; every event returns a command or None::
 
@@ -61,8 +61,8 @@ class JointDrag:
         pivot_m: A point (3,) of the axis.
         axis: The axis (3,), a unit vector.
         px: Last position of the pointer (2,), pixels.
-        position: The joint position at the pointer, rad or m; may exceed the limits, so that a
-            returning pointer meets the joint where it left it.
+        position: The joint position at the pointer, rad or m; may exceed the limits, so that the
+            joint follows again once the pointer is back inside the range.
         lever_px: Velocity of the grabbed point on the screen (2,), pixels per rad or m; None if
             the pointer moves around the pivot instead.
     """
@@ -111,8 +111,8 @@ def start_joint_drag(
 ) -> JointDrag:
     """Start a drag of the joint at ``column`` of q by a point (3,).
 
-    ``line`` is a point (3,) of its axis and the direction (3,), ``px`` the pointer (2,),
-    ``position`` the joint's, rad or m.
+    ``line`` is a point (3,) of the joint's axis and the axis direction (3,), ``px`` is the
+    pointer's pixel (2,), and ``position`` is the joint position, rad or m.
     """
     pivot, axis = line
     line_of_sight = camera.ray(camera.project(pivot)[0]).direction
@@ -165,7 +165,7 @@ class CandidateSelection:
         return options[self.selected_index(at, options)]
 
     def select_next(self, at: Vector, context: PointerContext, step: int = 1) -> None:
-        """Select the next option, or with -1 the previous one, at a pixel (2,)."""
+        """Select the next option at a pixel (2,), or the previous option if ``step`` is -1."""
         options = self.candidates_at(at, context)
         self._index = (self.selected_index(at, options) + step) % len(options)
         self._at, self._names = at, _candidate_names(options)
@@ -200,7 +200,7 @@ class _GrabbedPoint:
     Attributes:
         frame: The link that q moves and that carries the grabbed link, which may be a jaw.
         offset_m: The point (3,) in that link's coordinates.
-        depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
+        depth_m: Depth [m] of the plane parallel to the screen in which the point is dragged.
         offset_px: Offset (2,) from the pixel of the point to the pointer.
         surface: The surface, if any, on which the tip is dragged instead of in that plane.
     """
@@ -227,7 +227,7 @@ class MovedThing:
     Attributes:
         name: The name of the object.
         shift_m: The displacement (3,) in the base frame.
-        is_dropped: Whether the pointer was lifted.
+        is_dropped: Whether the object was dropped.
     """
 
     name: str
@@ -292,7 +292,7 @@ class Drag:
     def press(
         self, px: ArrayLike, context: PointerContext, *, shift: bool = False, pointer: int = 0
     ) -> DragCommand | None:
-        """Grab the link at a pixel (2,), move the tip there, or with shift grab its joint.
+        """Grab the link at a pixel (2,), or with shift its joint; if there is none, move the tip.
 
         Raises:
             InputError: The pixel in a camera's picture shows neither the table nor a thing.
@@ -364,7 +364,7 @@ class Drag:
         return None
 
     def release(self, pointer: int = 0) -> None:
-        """End the drag; the last command stays. A repeated click selects the next thing behind."""
+        """End the drag, keep the last command; a repeated click selects the next thing behind."""
         if pointer != self._pointer:
             return
         self._grabbed = None
@@ -385,7 +385,7 @@ class Drag:
     def wheel(
         self, px: ArrayLike, notches: float, context: PointerContext, *, fine: bool = False
     ) -> DragCommand | None:
-        """Move the joint at a pixel (2,) by 1° (a prismatic one by 1 mm) per notch."""
+        """Move the joint at a pixel (2,) by 1° (a prismatic joint by 1 mm) per notch."""
         at = np.asarray(px, dtype=np.float64)
         dial = self._hit_tester.joint_at(at, context, self._link_under(at, context))
         if dial is None or self.is_busy:
@@ -428,7 +428,7 @@ class Drag:
         return options, self._selection.selected_index(at, options)
 
     def select_next(self, px: ArrayLike, context: PointerContext, step: int = 1) -> None:
-        """Select the next thing behind the selected one at a pixel (2,), or with -1 in front."""
+        """Select the next thing behind (``step`` 1) or in front (-1) at a pixel (2,)."""
         self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
 
     def set_objects(self, objects: Picker) -> None:

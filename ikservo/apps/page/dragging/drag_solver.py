@@ -52,7 +52,7 @@ class DragSolution:
 
     Attributes:
         q: Joints (dof,), inside the limits.
-        marker: The target and how near the goal comes to it; None without a target.
+        marker: The target, and the point that the goal reaches; None without a target.
         settled: Whether solving the same command again brings no further progress.
         text: Progress of a chosen method; empty for ``auto``.
     """
@@ -110,7 +110,7 @@ class DragSolver:
         return DragSolution(q, _make_marker(command.target, tracked), settled)
 
     def _track_target(self, command: DragTarget, start: Vector) -> Result:
-        """Track the current IK branch; a click may switch to another one."""
+        """Track the current IK branch; a click may switch to another branch."""
         solver, T_target = self._solver_for(command.target), make_pose(command.target.position)
         solver.track(T_target, start)
         tracked = solver.result
@@ -156,7 +156,7 @@ class DragSolver:
         return DragSolution(q, _make_marker(command.target, found), settled, text)
 
     def _posture_for(self, target: Target) -> Posture | None:
-        """Return the posture for the joints that move the target's frame; the others stay."""
+        """Return the posture for the joints that move the target's frame; other joints stay."""
         if self.posture is None or target.frame is None:
             return self.posture
         moving = {step.column for step in self._chain.joints_to(target.frame) if step.scale}
@@ -165,7 +165,7 @@ class DragSolver:
         return Posture(self.posture.q, weights)
 
     def _limit_step(self, start: Vector, q: Vector) -> tuple[Vector, bool]:
-        """Limit q to 8° per joint from the start; return it, and whether the step was scaled."""
+        """Limit the step to 8° per joint; return the joints, and whether the step was scaled."""
         max_distance = _max_joint_distance(q, start)
         if max_distance <= MAX_STEP_RAD:
             return q, False
@@ -198,7 +198,7 @@ def _make_marker(target: Target, found: Result) -> TargetMarker:
 
 
 NONE, CURRENT_POSTURE = "none", "here"
-"""Choices without a named pose: no preferred posture, or the posture when it was chosen."""
+"""Choices other than a named pose: no preferred posture, or the arm's posture at that moment."""
 
 _LEANING_METHODS = ("auto", "pseudo_inverse")
 

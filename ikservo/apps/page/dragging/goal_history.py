@@ -15,7 +15,7 @@ _ONE_GESTURE_S = 0.7  # messages of one kind within this time are one gesture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastGoal:
-    """An earlier target: all joints (n,), rad or m, and the marker, if there were any."""
+    """An earlier target: goal of all joints (n,), rad or m, and marker; either may be None."""
 
     goal: Vector | None
     marker: TargetMarker | None

@@ -53,7 +53,7 @@ class PlanRequest:
 
     Args:
         arm: The arm.
-        goal: All joints (n,), the array of the preview.
+        goal: All joints (n,); the same array as in the preview.
         start: The start of the motion (n,).
         speed: The speed class.
         is_chosen: Whether the goal is final; during a drag only its straight path is checked.
@@ -97,8 +97,8 @@ class PlanRequest:
         """Return whether the only change is that a limp arm sank a little.
 
         For a joint outside its limits, even a few ticks count, because the guard may not let it
-        move back to the start of the plan. Plans of several motions allow as much of an arm that
-        rests in its backlash.
+        move back to the start of the plan. Plans of several motions also allow this for an arm
+        that is not limp, because a resting arm may move within its backlash.
         """
         there = copy(self)
         there.start = before.start
@@ -138,9 +138,9 @@ class PlannedPath:
         plan: The plan.
         postures: The chain's joints (dof,), and all joints by name, at equal time steps.
         is_straight: Whether the joints go straight to the goal.
-        refusal: Why the goal is refused.
+        refusal: The reason why the goal is refused.
         number: A unique number.
-        run: Executes several motions, whose plan this is; None for a single motion.
+        run: Executes the plan if it has several motions; None for a single motion.
     """
 
     request: PlanRequest
@@ -171,13 +171,13 @@ class PlannedPath:
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
-        """Check whether this is the path of an equal request, or the reason why that has none."""
+        """Check whether this result, a path or a refusal, belongs to an equal request."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
 
 
 def plan_path(arm: Arm, request: PlanRequest, withdrawn: Event | None = None) -> PlannedPath:
-    """Plan the path to a requested goal; the result carries the refusal if there is no path.
+    """Plan the path to a requested goal; the result contains the refusal if there is no path.
 
     Nothing moves, and no servo is read. The search ends once ``withdrawn`` is set.
     """
@@ -238,9 +238,9 @@ class GoalPlanner:
         self.path: PlannedPath | None = None
 
     def update(self, request: PlanRequest | None, now_s: float) -> None:
-        """Plan the present request unless it was already planned, and drop an obsolete one.
+        """Plan the present request unless it was already planned, and drop an obsolete request.
 
-        During a drag the path to the previous goal is kept until the next one is planned.
+        During a drag the path to the previous goal is kept until the next path is planned.
         """
         if self._collect_result(request):
             return

@@ -24,15 +24,15 @@ _MAX_REMEMBERED = 64
 class HandControl:
     """Moves the goal with the user's hand while the clutch is closed.
 
-    Each press of the user has a number. Once the clutch has been opened, by whomever, the same
+    Each press of the user has a number. Once the clutch has opened, for any reason, the same
     press does not close it again.
 
     Args:
         arm: The arm to move.
 
     Attributes:
-        spent: The last numbers of presses that no longer close the clutch.
-        limit: Reason why the goal is not where the hand wants it; empty if it is.
+        spent: Numbers of the latest presses that no longer close the clutch.
+        limit: Reason why the goal does not follow the hand exactly; empty if it does.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -58,7 +58,7 @@ class HandControl:
             self._filter.release()
 
     def refuse(self, message: TrackHand) -> None:
-        """Open the clutch; the press of a message does not close it any more."""
+        """Open the clutch; the press that a message belongs to cannot close it again."""
         self.release()
         if message.held:
             self.limit = _LET_GO
@@ -70,7 +70,7 @@ class HandControl:
             self.spent.append(clutch)
 
     def expire(self, now_s: float) -> None:
-        """Open the clutch if the page has been silent."""
+        """Open the clutch if the page has sent no pose for too long."""
         if self.is_held and now_s - self._newest_s > DEAD_MAN_TIMEOUT_S:
             self.release()
 
@@ -85,7 +85,7 @@ class HandControl:
 
         Args:
             message: The pose of the hand.
-            goal: The last goal (n,); after a refusal, the filter continues from the kept one.
+            goal: The last goal (n,); after a refusal, the filter continues from the kept goal.
             snapshot: The state of the arm.
             speed: The speed class.
             now_s: The time.

@@ -78,7 +78,7 @@ class GamepadControl:
     def make_command(
         self, message: Gamepad, camera: Camera, tip_m: Vector, now_s: float
     ) -> DragTarget | None:
-        """Return the target after the tip goal (3,); None while the sticks are centred.
+        """Return the next target, given the tip goal (3,); None while the sticks are centred.
 
         Directions are relative to the screen.
         """

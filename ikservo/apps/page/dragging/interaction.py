@@ -54,7 +54,7 @@ class Interaction:
         path: The path to the goal in the preview; None if there is none.
         refusal: The reason why the guard refuses the goal; None if the goal is allowed.
         hover: The link that a press would grab.
-        under: Everything under the pointer; None for the plane in which a click moves the tip.
+        under: Everything under the pointer; None is the plane in which a click moves the tip.
         chosen: Index of the thing under the pointer that a press selects.
         solve_s: Duration of the last solve.
         solver_text: Progress of a chosen solver method in the current drag.
@@ -193,7 +193,7 @@ class Interaction:
         self.revision += 1
 
     def set_joint(self, joint: str, value: float, snapshot: ArmSnapshot) -> None:
-        """Set the goal of one joint, degrees or mm; the others keep theirs.
+        """Set the goal of one joint, degrees or mm; other joints keep their goals.
 
         Raises:
             UnknownNameError: There is no such joint.
@@ -286,7 +286,7 @@ class Interaction:
         self.goal, self.marker = past.goal, past.marker
 
     def _present_goal(self, snapshot: ArmSnapshot) -> PastGoal:
-        """Return the goal; if there is none in Live, the present position of the arm."""
+        """Return the goal; in Live without a goal, the present position of the arm."""
         goal = self.goal if snapshot.reference is None else self._goal_or_rest(snapshot)
         return PastGoal(goal, self.marker)
 
@@ -300,7 +300,7 @@ class Interaction:
         self.goal = goal
 
     def pose(self, name: str, snapshot: ArmSnapshot) -> None:
-        """Set a named pose as goal, clipped to this arm's limits.
+        """Set a named pose as the goal, clipped to this arm's limits.
 
         Raises:
             UnknownNameError: The arm has no pose of that name.
@@ -359,7 +359,7 @@ class Interaction:
             self.revision += 1
 
     def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
-        """Continue towards a target that one solve did not reach; a silent hand has let go."""
+        """Continue towards a target that one solve did not reach; release a hand that is silent."""
         self.hand.expire(now_s)
         if self._command is not None:
             self.revision += 1
@@ -469,7 +469,7 @@ class Interaction:
         return None
 
     def _update_hover(self, at: tuple[float, float] | None, context: PointerContext) -> None:
-        """Update the things under the pointer, and the one that a press would grab."""
+        """Update the things under the pointer, and the thing that a press would grab."""
         self._pointer, self.hover, self.under, self.chosen = at, None, (), 0
         if at is not None:
             self.under, self.chosen = self._drag.candidates_under(at, context)

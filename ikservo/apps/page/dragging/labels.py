@@ -81,7 +81,7 @@ def format_solve_time(solve_s: float) -> str:
 
 
 def format_supply(volts: Sequence[float]) -> str:
-    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` if servos measure different ones."""
+    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` if servos differ."""
     low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
     return f"{low} V" if low == high else f"{low} – {high} V"
 

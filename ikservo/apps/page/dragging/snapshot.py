@@ -14,7 +14,7 @@ from ikservo.maintenance.dialogue import HandRequest, Question
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmCommand:
-    """The command of the client in control; a new one replaces the last.
+    """The command of the client in control; a new command replaces the last one.
 
     Attributes:
         live: Whether the arm follows the goal.
@@ -37,7 +37,7 @@ class LogEntry:
 
     Attributes:
         time_s: The time, by the clock of the page.
-        message: The event.
+        message: The text of the message.
         level: ``bad`` for a problem, empty for information.
     """
 
@@ -66,7 +66,7 @@ class GoalRefusal:
 
 @dataclass(frozen=True, slots=True)
 class StopNotice:
-    """The reason why the arm holds until a user acknowledges it, as the command line formats it."""
+    """The reason for a stop that a user must acknowledge, formatted as on the command line."""
 
     message: str
     hint: str = ""
@@ -98,14 +98,14 @@ class ArmSnapshot:
         start: The joints (n,) at which a motion would start now.
         read_s: The time of the measurement.
         reference: The reference of the joints (n,); None while no session runs.
-        states: Telemetry of the servos, a little older.
-        stop_notice: Why the arm holds; None if it is not stopped.
+        states: Telemetry of the servos, a little older than the positions.
+        stop_notice: The reason why the arm holds; None if it is not stopped.
         stop_count: Number of completed stops; confirms them to the page.
         ended_session: The last session that has ended.
         refusal: The last goal that was refused in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
-        activity: Description of what the arm does without the page; empty if nothing.
+        activity: The title of the running job; empty if no job is running.
     """
 
     measured: Vector

@@ -133,7 +133,7 @@ class ToolPoseSolver:
         self._solver = Solver(chain, "pose", options=Options(position_first=True))
 
     def track(self, target: ToolPoseTarget, start: Vector) -> tuple[Vector, TargetMarker]:
-        """Compute joints (dof,) for a pose, from joints (dof,), and its marker."""
+        """Compute the joints (dof,) for a tool pose from joints (dof,), and the target marker."""
         q, binding = start, ()
         wanted = self._wanted(target, q)
         for _ in range(_PASSES if target.in_plane and self._plane.rotates else 1):

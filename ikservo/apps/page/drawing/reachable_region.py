@@ -70,7 +70,7 @@ class ReachableRegion:
 def slice_plane(
     extent: ArmExtent, name: ViewName, q: Vector, find_tip_m: Callable[[], Vector]
 ) -> SlicePlane | None:
-    """Compute the plane of a view at joints (dof,); None for a view without one.
+    """Compute the plane of a view at joints (dof,); None for a view without a plane.
 
     In the views from above and from the front it contains the tip, rounded to a centimetre.
     """
@@ -130,7 +130,7 @@ class ReachableRegionCache:
         self._busy: tuple[tuple[str, float], Future[ReachableRegion]] | None = None
 
     def get(self, plane: SlicePlane, *, idle: bool = True) -> ReachableRegion | None:
-        """Return the region in a plane; if it is not cached, return None and, if idle, start it."""
+        """Return the region in a plane; if not cached, return None and, if idle, compute it."""
         if self._busy is not None and self._busy[1].done():
             key, future = self._busy
             self._busy = None

@@ -1,7 +1,7 @@
 """Shapes of an arm's links, as the page draws them in 3D.
 
 Lengths are metres, poses T_link_shape (4, 4) row by row. Meshes are sent as the corners of their
-triangles, little-endian float32 in base64; if one is missing, the shapes for contact are drawn.
+triangles, little-endian float32 in base64; if a mesh is missing, the shapes for contact are drawn.
 """
 
 from __future__ import annotations

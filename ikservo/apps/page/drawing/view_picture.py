@@ -30,12 +30,12 @@ class SceneState:
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
         grabbed: The link that is being dragged.
-        behind: Whether the hovered link was selected behind others; its outline is then on top.
+        behind: Whether the hovered link is behind other links; its outline is then drawn on top.
         picked: The object of the scene under the pointer.
         refused_pair: The pair that the goal would touch, if the guard refuses it; may be empty.
             None for a goal that is not refused.
         other_joints: Positions of joints that are not in the chain, such as the gripper's.
-        goal_other_joints: The goals of these joints; None if they stay.
+        goal_other_joints: The goals of the other joints; None if the other joints stay.
     """
 
     camera: Camera

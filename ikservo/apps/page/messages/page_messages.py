@@ -92,15 +92,15 @@ class DragTool(PageMessage):
 
 
 class TrackHand(PageMessage):
-    """The pose of a hand or phone, in axes parallel to those of the base frame.
+    """The pose of a hand or phone, in axes parallel to the axes of the base frame.
 
     Attributes:
         position: The position (3,) from any origin, metres.
         rotation: The orientation as a quaternion w, x, y, z.
         held: Whether the tip moves with the hand.
-        clutch: The number of the press that holds; each press has another one.
-        scale: The scale from the motion of the hand to that of the tip.
-        stamp: The time of the page, which is returned to it once the arm has had the pose.
+        clutch: The number of the press that closes the clutch; each press has a new number.
+        scale: The scale from the motion of the hand to the motion of the tip.
+        stamp: The page's time, which the server returns once the arm has received the pose.
     """
 
     kind: Literal["track_hand"]
@@ -139,7 +139,7 @@ class SelectBehind(PageMessage):
 
 
 class OrbitCamera(PageMessage):
-    """Orbit or pan the camera by pixels of dragging, or zoom.
+    """Orbit or pan the camera by a drag in pixels, or zoom.
 
     Attributes:
         at: The pixel about which to zoom; None for the middle.
@@ -159,7 +159,7 @@ class FitView(PageMessage):
 
 
 class Undo(PageMessage):
-    """Restore the previous target, or with ``redo`` the one that was undone."""
+    """Restore the previous target, or with ``redo`` the target that was undone."""
 
     kind: Literal["undo"]
     redo: bool = False
@@ -200,7 +200,7 @@ class MarkTip(PageMessage):
 
 
 class Grasp(PageMessage):
-    """Offer to pick up the block at a pixel of the drawing, or to put down there what is held.
+    """Offer to pick up the block at a pixel of the drawing, or to put the held thing down there.
 
     Without a pixel, the blocks in the camera's picture are listed.
     """
@@ -298,7 +298,7 @@ class JogJoint(PageMessage):
 
 
 class SetTool(PageMessage):
-    """Set one coordinate of the tool [mm] or angle [degrees]; the others stay if possible."""
+    """Set one coordinate of the tool [mm] or angle [degrees]; other values stay if possible."""
 
     kind: Literal["set_tool"]
     what: ToolValue

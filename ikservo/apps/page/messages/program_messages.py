@@ -1,6 +1,6 @@
 """Messages that edit, check and run the page's program of steps.
 
-Each step has a number, which it keeps when others are added, moved or removed.
+Each step has a number, which it keeps when other steps are added, moved or removed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class AddStep(PageMessage):
         pose: The name of a named pose.
         recording: The name of a recording in the folder of the programs.
         wait_s: The duration of a wait.
-        after: The step before it; None to append it.
+        after: The step after which the new step is inserted; None to append the step.
     """
 
     kind: Literal["add_step"]
@@ -72,7 +72,7 @@ class SetProgram(PageMessage):
 
 
 class ProgramFile(PageMessage):
-    """Begin a new program, load one, or save it; ``overwrite`` replaces another program."""
+    """Begin, load or save a program; with ``overwrite``, saving may replace another program."""
 
     kind: Literal["program_file"]
     action: Literal["new", "load", "save"]
@@ -84,7 +84,7 @@ class RunProgram(PageMessage):
     """Check the program, play it, run one step, or pause after the present step.
 
     Attributes:
-        step: The step to begin with; None for the first one.
+        step: The step to begin with; None for the first step.
     """
 
     kind: Literal["run_program"]

@@ -29,7 +29,7 @@ class AddArm(PageMessage):
 
 
 class ChangeThing(PageMessage):
-    """Change the given fields of a thing around the arm; the keys are those of a scene file."""
+    """Change the given fields of a thing around the arm; the keys are as in a scene file."""
 
     kind: Literal["change_thing"]
     name: ThingName

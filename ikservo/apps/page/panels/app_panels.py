@@ -40,7 +40,7 @@ class RunMotion:
         """Execute the motion. If it is refused before the arm moves, nothing has to be stopped.
 
         Raises:
-            IkservoError: The motion failed; the arm holds until that is acknowledged.
+            IkservoError: The motion failed; the arm holds until the failure is acknowledged.
         """
         with refusals_logged(arm, observer):
             arm.execute(self._motion, observer.on_progress)
@@ -56,7 +56,7 @@ class AppPanels:
         self._updated_s = -math.inf
 
     def frames(self, client: Client, own: Mapping[str, Panel]) -> list[Frame]:
-        """Return the page's ``own`` panels and those of all apps if a client has older ones."""
+        """Return the page's ``own`` panels and the panels of all apps, if new for a client."""
         now_s = self._clock.now_s()
         if self._places and now_s - self._updated_s >= _PERIOD_S:
             self._updated_s = now_s

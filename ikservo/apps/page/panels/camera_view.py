@@ -56,7 +56,7 @@ class CameraView:
         tip_clicks: The number of clicks.
 
     Raises:
-        CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
+        CalibrationError: The arm has no calibrated camera, or was calibrated with another camera.
         FileFormatError: A file about the camera is damaged.
     """
 
@@ -93,7 +93,7 @@ class CameraView:
         return self._made
 
     def plane_m(self, height_m: float) -> float:
-        """Return the height of a level plane above the table, base frame."""
+        """Return z, in the base frame, of the level plane at a height above the table."""
         return table_m(self._arm.model) + height_m
 
     def surface(self, height_m: float) -> PictureSurface:
@@ -119,7 +119,7 @@ class CameraView:
 
     @property
     def change(self) -> str:
-        """Why the picture does not show this arm as calibrated; empty if it does."""
+        """Reason why the picture does not show this arm as calibrated; empty if it does."""
         if self._moved is not None:
             return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
         if self._mirrored:

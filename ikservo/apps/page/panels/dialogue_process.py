@@ -64,7 +64,7 @@ class CheckServos:
     Attributes:
         arm: The file of the arm.
         port: The port.
-        any_servos: Whether to search for servos at every rate, not only for those of the arm.
+        any_servos: Whether to search for any servos at every rate, not only for servos of the arm.
     """
 
     arm: Path

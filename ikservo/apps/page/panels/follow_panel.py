@@ -38,7 +38,7 @@ class FollowPanel:
         Raises:
             InputError: There is no such arm, its torque is on, one of the arms is busy or was
                 stopped, or they have no joint in common.
-            CalibrationError: One of the two is not calibrated.
+            CalibrationError: One of the two arms is not calibrated.
         """
         leader = self._find_arm(leader_name)
         if leader is None or leader is self._arm_thread:

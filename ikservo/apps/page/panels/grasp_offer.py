@@ -25,10 +25,10 @@ HEADING = "What to pick up"
 
 @dataclass(slots=True, eq=False)
 class _GraspChoice:
-    """What the user has chosen; any change of the circumstances ``before`` withdraws it.
+    """The thing or place that the user chose; any change of ``before`` withdraws the choice.
 
     ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key`` is
-    the goal in plan requests; it only distinguishes this choice from others.
+    the goal in plan requests; it only distinguishes this choice from other choices.
     """
 
     before: object
@@ -40,7 +40,7 @@ class _GraspChoice:
 
 
 class GraspOffer:
-    """The pick or place that was chosen last; ``GoalPlanner`` searches for it in its own thread.
+    """The pick or place that was chosen last; ``GoalPlanner`` plans it in its own thread.
 
     Args:
         arm_thread: Owns the arm.
@@ -94,7 +94,7 @@ class GraspOffer:
         self._choice = None
 
     def request(self, now: object) -> PlanRequest | None:
-        """Return what to plan now; other circumstances than those of the choice withdraw it."""
+        """Return the plan request for the choice; withdraw the choice if ``now`` has changed."""
         choice, thread = self._choice, self._thread
         if choice is not None and choice.before != now:
             choice = self._choice = None
@@ -111,7 +111,7 @@ class GraspOffer:
         return {HEADING: Panel([("choice", self._choice.text)], buttons)}
 
     def _plan(self, choice: _GraspChoice, request: PlanRequest) -> SeveralMotions | None:
-        """Find what was chosen, and plan its motions; None if the user has to choose a block."""
+        """Find the chosen thing, and plan its motions; None if the user has to choose a block."""
         if choice.look is not None:
             choice.blocks = choice.look()
             choice.text = f"Blocks found: {len(choice.blocks)}."
@@ -127,6 +127,6 @@ class GraspOffer:
 
 
 def _describe(block: KeepOutShape) -> str:
-    """Describe name, size and place of a block in at most 64 letters."""
+    """Describe name, size and place of a block in at most 64 characters."""
     size = " x ".join(f"{2000.0 * half:.0f}" for half in block.half_size_m.tolist())
     return f"{block.name}, {size} mm, at ({block.row[9]:.3f}, {block.row[10]:.3f}) m"

@@ -1,4 +1,4 @@
-"""The cameras of a page: each arm shows its calibrated camera or a chosen one."""
+"""The cameras of a page: each arm shows its calibrated camera or a chosen camera."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class PageCameras:
     def open_before(
         self, arm: Arm, exits: ExitStack, source: str | None = None
     ) -> VideoSource | None:
-        """Open the video source that the page shows for an arm; None if it has none.
+        """Open the video source that the page shows for an arm; None if there is no source.
 
         ``exits`` closes a simulated camera, which belongs to this arm alone.
 
@@ -113,13 +113,13 @@ class PageCameras:
         return first
 
     def _given(self, stored: str) -> str | None:
-        """Return the given source, with its password, for a stored one."""
+        """Return the given source, with its password, that matches a stored source."""
         name = public_source(stored)
         return next((each for each in self._sources if public_source(each) == name), None)
 
 
 class ArmCameras:
-    """The cameras that an arm of a page may show, and the one that it shows.
+    """The cameras that an arm of a page may show, and the camera that it shows now.
 
     Args:
         cameras: The cameras of the page.
@@ -128,7 +128,7 @@ class ArmCameras:
 
     Attributes:
         video: The source of the pictures that are shown; None if none are shown.
-        name: The name of that camera; see ``CameraView``.
+        name: The name of the shown camera; see ``CameraView``.
         choices: See ``PageCameras.choices``.
         chosen: The title of the shown camera; empty if no camera is shown.
 

@@ -90,7 +90,7 @@ class ProgramDraft:
         self.names, self.recordings = folder.names(), folder.recordings()
 
     def add(self, step: ProgramStep, after: int | None = None) -> int:
-        """Add a step after another one, or at the end; return its number.
+        """Add a step after another step, or at the end; return its number.
 
         Raises:
             InputError: There are too many steps, or the step before it no longer exists.
@@ -170,7 +170,7 @@ class ProgramDraft:
         self._note_change(changed=False)
 
     def load(self, name: str) -> None:
-        """Load a program in place of this one.
+        """Replace the draft by a program that is loaded from its file.
 
         Raises:
             UnknownNameError: There is no program of that name.

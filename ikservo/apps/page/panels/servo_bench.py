@@ -1,7 +1,7 @@
 """The servo page: one port, named on the command line, and its thread.
 
 Writes pass the same checks as in ``ikservo servo write``. Only a trial of gains moves a joint:
-the port is then closed, and the arm is opened on it with its guard.
+the port is then closed, and the arm is opened at that port with its guard.
 """
 
 from __future__ import annotations
@@ -186,7 +186,7 @@ class ServoBench:
         """Queue a request of a page.
 
         Raises:
-            BadMessageError: The request is not permitted, or too many requests wait.
+            BadMessageError: The request is not permitted, or too many requests are waiting.
         """
         if isinstance(message, WorkOnServo) and message.action == "stop":
             self._stop_trial()

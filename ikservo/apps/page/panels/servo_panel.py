@@ -102,7 +102,7 @@ class _ServoJob:
         self.title = f"Reading the servo of {joint}"
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Write and read; a refusal by the servo or its table becomes a note and stops nothing.
+        """Write and read; if the servo or its table refuses a value, only note it for the page.
 
         Raises:
             PortError: The port is lost.

@@ -1,4 +1,4 @@
-"""Gain trials on the servo page: step responses of a joint with its own and with other gains."""
+"""Gain trials on the servo page: step responses of a joint with present and other gains."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class ThingsPanel:
         return [self._frame]
 
     def handle(self, message: msg.ThingMessage, joints: Vector) -> None:
-        """Add, change or remove a thing, while nothing moves; a new one is put in front of the arm.
+        """Add, change or remove a thing while nothing moves; put a new thing in front of the arm.
 
         Raises:
             UnknownNameError: There is no such thing.

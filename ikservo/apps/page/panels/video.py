@@ -30,7 +30,7 @@ _LOOK_S = 0.02  # period of polling for a new picture
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture to be sent, counted from 1, as JPEG data."""
+    """A picture to be sent: its number, counted from 1, and its JPEG data."""
 
     number: int
     jpeg: bytes

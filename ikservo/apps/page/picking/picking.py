@@ -108,7 +108,7 @@ class PointerContext:
     Attributes:
         camera: The user's camera.
         arms: Joints (dof,) of the drawn arms: the goal first, if there is one, then the measured
-            arm. The first is the one that moves.
+            arm. Only the first can be moved.
         plane_m: A point (3,) of the plane for clicks on the background; None: the tip's plane.
         other_joints: Positions of joints that are not in the chain to the tip.
         surface: The surface for clicks on the background in the picture of a calibrated camera.
@@ -149,9 +149,9 @@ class HitTester:
     def candidates_at(self, at: Vector, context: PointerContext) -> tuple[PickCandidate, ...]:
         """Return everything under the pointer, in the order in which presses select it.
 
-        Links that move come first, those of the goal before those of the arm, which is painted
-        below it; then objects, then fixed links. Within each kind, hits exactly under the pointer
-        come before hits next to it, the nearest first.
+        Moving links come first, links of the goal before links of the measured arm, which is
+        painted below; then objects, then fixed links. Within each kind, hits exactly under the
+        pointer come before hits next to it, the nearest first.
         """
         camera, drawn = context.camera, list[Vector]()
         moving, objects, fixed = (list[PickCandidate]() for _ in range(3))
@@ -193,5 +193,5 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Check whether a hit is only next to the pointer; a sort by it keeps the order of depth."""
+    """Check whether a hit is only next to the pointer; a sort by this keeps the order of depth."""
     return found.hit.away_px > 0.0

@@ -151,7 +151,7 @@ class Camera:
         return np.broadcast_to(self.eye_m, directions.shape), directions
 
     def shift(self, move_px: ArrayLike, depth_m: float) -> Vector:
-        """Compute the vector (3,) parallel to the screen that corresponds to pixels (2,)."""
+        """Compute the vector (3,) parallel to the screen for a motion by pixels (2,) at a depth."""
         across = np.asarray(move_px, dtype=np.float64) * _DOWNWARDS
         shift: Vector = self.R_world_view[:, :2] @ (across / self.pixels_per_metre(depth_m))
         return shift

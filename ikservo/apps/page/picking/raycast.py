@@ -92,7 +92,7 @@ def cast_rays(
 
 
 def _box_distances(origins: Matrix, directions: Matrix, low: Matrix, high: Matrix) -> Matrix:
-    """Compute the distances (n, k) along rays (n, 3, k) to boxes; from inside, to the wall."""
+    """Compute the distances (n, k) along rays (n, 3, k) to boxes; if inside, to the wall."""
     along = np.where(np.abs(directions) < _PARALLEL, _PARALLEL, directions)
     one, other = (low - origins) / along, (high - origins) / along
     enter_m: Matrix = np.minimum(one, other).max(axis=1)

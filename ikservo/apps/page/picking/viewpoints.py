@@ -1,6 +1,6 @@
 """Viewpoints: side, top, front, orbit, fitted to the extent of an arm.
 
-A ``Viewpoint`` is what the user has chosen; with the ``ArmExtent`` of the arm it gives the
+A ``Viewpoint`` is the choice of the user; with the ``ArmExtent`` of the arm it gives the
 camera::
 
     extent = arm_extent(model)

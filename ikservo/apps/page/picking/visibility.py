@@ -159,7 +159,7 @@ def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
 def visible_from(
     model: Model, joints: Mapping[str, float], eye_m: ArrayLike
 ) -> tuple[LinkVisibility, ...]:
-    """Return which links of an arm are visible from a point, for a camera or a marker.
+    """Return which links of an arm are visible from a point, such as the place of a camera.
 
     Args:
         model: The arm; its keep-out boxes and the table occlude what is behind them.

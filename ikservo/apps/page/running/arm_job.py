@@ -152,7 +152,7 @@ class ReleaseArm:
 
 
 class SetTipZero:
-    """Saves the zero from a click on the tip, and reopens the arm with it."""
+    """Saves the zero from a click on the tip, and reopens the arm with that zero."""
 
     title = "Reopening the arm with the new zero"
     is_planned = True

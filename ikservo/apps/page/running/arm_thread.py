@@ -86,8 +86,8 @@ class ArmThread:
         lease: The page in control, and the time of its last heartbeat.
         arm: The arm; other threads may use only its constant parts. It is replaced after a
             calibration, and after its port was lost.
-        snapshot: Written by this thread alone.
-        history: The last ten minutes; written by this thread alone.
+        snapshot: The last state of the arm; written by this thread alone.
+        history: The measurements of the last ten minutes; written by this thread alone.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class ArmThread:
         return self._command
 
     def post(self, command: ArmCommand) -> None:
-        """Replace the command that the arm follows; the newest counts.
+        """Replace the command that the arm follows.
 
         This is the boundary between two threads: the server's thread posts, this thread reads
         ``command`` once per control cycle. A command is replaced as a whole, so neither thread
@@ -285,7 +285,7 @@ class ArmThread:
     def log_message(self, message: str, level: str = "bad") -> None:
         """Append a message for the user; a repetition only renews its time.
 
-        An empty message is ignored. The level ``bad`` is a problem, an empty one information.
+        An empty message is ignored. The level ``bad`` means a problem, an empty level information.
         """
         if not message:
             return
@@ -384,7 +384,7 @@ class ArmThread:
         """End all activity at a stop; latch the stop unless the page has stopped a limp arm.
 
         Nothing moves or waits after that. With torque off there is nothing to check, so the user
-        need not acknowledge it.
+        need not acknowledge the stop.
         """
         self._torque_requests.clear()
         is_read = False

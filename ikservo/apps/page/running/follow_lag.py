@@ -23,11 +23,11 @@ class FollowLag:
     """The lag of a follower.
 
     Attributes:
-        goal_s: Time from the leader's motion to that of the follower's setpoints; None while the
+        goal_s: Time by which the follower's setpoints lag behind the leader; None while the
             leader is still.
-        arm_s: Time from the leader's motion to that of the follower's joints; None while the leader
+        arm_s: Time by which the follower's joints lag behind the leader; None while the leader
             is still.
-        error: The largest present distance of a joint from the leader's, rad or m.
+        error: The largest present difference between a joint and the leader's joint, rad or m.
         joint: The joint with that error.
     """
 

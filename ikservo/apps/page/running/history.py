@@ -54,7 +54,7 @@ class HistorySlice:
         channels: The columns.
         times_s: Times (k,), increasing.
         values: Values (k, columns) in the channels' units, NaN if not measured.
-        reason: Why the arm stopped at the end; empty for a recording of the present.
+        reason: The reason why the arm stopped at the end; empty for a recording of the present.
     """
 
     channels: tuple[Channel, ...]

@@ -15,7 +15,7 @@ _SHOWN_EVERY = 3  # the page is updated every third sample, because that delays 
 
 
 class LeaderFeed:
-    """The joints of a leader, from its thread to that of its follower.
+    """Passes the joints of a leader from its thread to the thread of its follower.
 
     Args:
         name: The name of the leader, for messages; also an attribute.

@@ -173,7 +173,7 @@ REQUEST_TIMEOUT_S = 3.0
 
 
 class ConnectionLimiter(H11Protocol):
-    """HTTP protocol that drops idle connections, and the oldest one if too many are pending."""
+    """HTTP protocol that drops idle connections, and the oldest if too many are pending."""
 
     def __init__(
         self,

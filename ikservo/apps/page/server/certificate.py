@@ -54,8 +54,8 @@ def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCe
     """Load the stored certificate, or make one if there is none.
 
     A browser that has accepted the certificate recognises it by its fingerprint, so the certificate
-    is kept even when the machine's address changes. A new one is valid for ``address``; the default
-    folder is the user's own.
+    is kept even when the machine's address changes. A new certificate is valid for ``address``; the
+    default folder is the user's own.
 
     Raises:
         CertificateError: The stored certificate is damaged, expired, or readable by others.

@@ -144,7 +144,7 @@ class Client:
         handles: Whether the page also draws handles on the tool.
         height_m: The height above the table for clicks in a camera's picture.
         sent: The last frame of each kind, so that nothing is sent twice.
-        sent_s: When the last frame of each kind was sent.
+        sent_s: The time at which the last frame of each kind was sent.
         outbox: Replies that only this page gets.
     """
 

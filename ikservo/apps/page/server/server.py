@@ -273,7 +273,7 @@ class _WebSocketHandler(Generic[_MessageT]):
     async def _write_frames(self, state: _ClientState[_MessageT]) -> None:
         """Send new frames whenever a scene was drawn, one per refresh of the screen.
 
-        Only the changed fields of scenes and status are sent; the page keeps the others. Scenes are
+        Only the changed fields of scenes and status are sent; the page keeps the rest. Scenes are
         numbered, so that the age of replies is known.
         """
         loop = asyncio.get_running_loop()
@@ -363,7 +363,7 @@ class BoundAddress:
 class _BoundedListener(socket.socket):
     """Listening socket that drops the oldest of too many new clients, also in a TLS handshake.
 
-    Each client takes a file descriptor, and without garbage collection 0.25 MB are freed late.
+    Each client uses a file descriptor and 0.25 MB, which are freed late without garbage collection.
     """
 
     _new, _count = tuple[tuple[float, socket.socket], ...](), 0

@@ -31,7 +31,7 @@ class GoalEnd(Enum):
     ENDED = auto()
     """The goal was cancelled; the arm has braked and holds."""
     REPLACED = auto()
-    """A newer goal has replaced this one."""
+    """A newer goal has replaced this goal."""
     FAILED = auto()
     """The arm was stopped, or the guard or a servo has ended the motion."""
 

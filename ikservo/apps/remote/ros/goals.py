@@ -115,7 +115,7 @@ class TrajectoryGoal:
         return dict(zip(self._names, values.tolist(), strict=True))
 
     def has_ended(self, now_s: float) -> bool:
-        """Check whether the duration of the trajectory is over."""
+        """Check whether the trajectory has ended."""
         return self.late_s(now_s) >= 0.0
 
 
@@ -228,7 +228,7 @@ class TwistGoal:
         self._received_s = now_s
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
-        """Compute the target of the tool: a point, or a pose once it has turned."""
+        """Compute the target of the tool: a point, or a pose once a rotation was commanded."""
         until_s = min(now_s, self._received_s + DEAD_MAN_TIMEOUT_S)
         dt_s, self._last_s = max(0.0, until_s - self._last_s), now_s
         speed_m_s = float(np.linalg.norm(self._linear_m_s))

@@ -1,6 +1,6 @@
 """The action FollowJointTrajectory: a joint trajectory with tolerances, and its result.
 
-A position tolerance [rad or m] above 0 is used as given; 0 means the default, below 0 no limit.
+A position tolerance [rad or m] above 0 is used as given; 0 means the default; below 0, no limit.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class _Watch:
         return self._violation is None
 
     def ended(self, end: GoalEnd, why: str) -> None:
-        """End the goal; the arm is at rest, or another goal has replaced this one."""
+        """End the goal; the arm is at rest, or another goal has replaced this goal."""
         if end is GoalEnd.ARRIVED:
             try:
                 self._violation = self._check_end(self._arm.where().positions)
