@@ -72,7 +72,7 @@ def format_position(position: float, unit: JointUnit, digits: int = 1) -> str:
 
 
 def format_source(source: str) -> str:
-    """Format the source of a limit for a sentence: ``user`` becomes ``set by you``."""
+    """Format the source of a limit for use in a sentence: ``user`` becomes ``set by you``."""
     return " / ".join("set by you" if part == "user" else part for part in source.split(" / "))
 
 
@@ -202,7 +202,7 @@ class JointMap:
         """Compute the lowest and highest ticks whose positions are in [lower, upper].
 
         Raises:
-            BadValueError: There is no tick inside.
+            BadValueError: There is no tick in the range.
         """
         a, b = sorted((self.exact_tick(lower), self.exact_tick(upper)))
         # Rounding must not exclude a limit that is exactly a tick.
@@ -220,7 +220,7 @@ _POTENTIOMETER = 1024  # AX and SCS: 300° (200° on the SCS15)
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """A position sensor: its ticks, numbered from 0, and ticks per revolution of the horn."""
+    """A position sensor: the number of its ticks, and the ticks per revolution of the horn."""
 
     ticks: int
     ticks_per_turn: float

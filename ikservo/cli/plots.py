@@ -112,7 +112,7 @@ def square_axes(axes: Axes, points: Matrix, side_m: float) -> None:
 
 
 def label_length_axes(axes: Axes, across: str, up: str) -> None:
-    """Label both axes with metres and draw them to the same scale."""
+    """Label both axes in metres, and draw them to the same scale."""
     axes.set_aspect("equal")
     axes.set_xlabel(f"{across} [m]")
     axes.set_ylabel(f"{up} [m]")

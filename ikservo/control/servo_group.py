@@ -170,7 +170,7 @@ class ServoGroup(StreamedServos):
 
     @property
     def overheated(self) -> bool:
-        """Whether a servo was too hot to hold in the last motion."""
+        """Whether a servo was too hot to continue holding in the last motion."""
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:

@@ -133,7 +133,7 @@ class StopRequest:
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
-        """Request the immediate end of the motion, without sending anything else."""
+        """Request the immediate end of the motion, without sending anything more to the servos."""
         self._without_braking, self._hint = True, hint
         self.set(reason)
 
@@ -165,7 +165,7 @@ class StopRequest:
             raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, hint or self._hint)
 
     def clear(self) -> None:
-        """Clear the request when the arm holds or may be moved again."""
+        """Clear the request, once the arm holds or may be moved again."""
         self._reason, self.times, self.signal = None, 0, 0
         self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False
 
@@ -215,7 +215,7 @@ _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
 
 def exit_exception(number: int, text: str) -> BaseException:
-    """Return the exception that ends the program after a signal; see decision 15.
+    """Return the exception that ends the program after a signal.
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
     pressed Ctrl-C does not go on to its next motion. The number of the signal is 0 if the program
@@ -292,8 +292,8 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
     """Convert Ctrl-C, SIGTERM and SIGHUP to a stop request within the block.
 
     If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
-    program's own handlers are kept. Nothing changes in other threads than the main thread, which
-    receives all signals.
+    program's own handlers are kept. In threads other than the main thread, which receives all
+    signals, nothing changes.
     """
 
     def request_stop(number: int, _: FrameType | None) -> None:
@@ -339,7 +339,7 @@ class StopOutcome:
 
 
 def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> StopOutcome:
-    """Hold every joint that has torque at its position; do not switch torque."""
+    """Hold every joint that has torque at its position; no torque is switched on or off."""
     ids = {driven.servo_id: driven for driven in driven_joints}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
     on = [i for i in torque if bus.is_torque_on(i)]

@@ -62,7 +62,7 @@ def write_atomic(
             permissions.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; ``changed`` says if it was written.
+        FileWriteError: The disk is full, read-only or broken; see ``changed``.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
@@ -132,7 +132,7 @@ def check_writable(folder: Path) -> None:
 
 
 def remove_durably(path: Path) -> None:
-    """Remove a file durably; a missing one is not an error.
+    """Remove a file so that it stays removed after a power cut; a missing file is not an error.
 
     Raises:
         FileWriteError: The file stays, or may come back after a power cut; the message says which.

@@ -109,7 +109,7 @@ class DrivenJoint:
         return math.floor(moving_rad / horn + 1e-6) + math.floor(self.at_rest_lead_rad / horn)
 
     def describe_violation(self, tick: int) -> str:
-        """Describe how a tick violates the range; name the violated limit and its source."""
+        """Describe by how much a tick is outside the range; name the limit and its source."""
         position = self.joint_map.position(tick)
         above = position > self.limits.upper.value
         limit = self.limits.upper if above else self.limits.lower

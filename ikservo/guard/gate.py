@@ -136,8 +136,8 @@ class Gate:
     def update_measured(self, ticks: TickRow, time_s: float) -> None:
         """Update the measured positions, ticks; joints without a reply are left out.
 
-        Goals must stay within the maximum lead of recent measurements. The time is by the gate's
-        clock.
+        Goals must stay within the maximum lead of recent measurements. The time is measured by the
+        gate's clock.
 
         Raises:
             RefusedError: A tick is not an integer, or the time not finite.
@@ -169,7 +169,7 @@ class Gate:
             joint.set_speed(speed)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return the time by which a motion may advance; less than has elapsed if a joint lags.
+        """Return the time by which a motion may advance: the elapsed time, or less if a joint lags.
 
         A stream that advances its motion by this time, instead of the elapsed one, waits for the
         joints and so stays within the maximum lead.

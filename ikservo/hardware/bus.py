@@ -45,7 +45,7 @@ class ServoBus(RegisterAccess):
         port: The port.
         servos: The expected servos, in their order along the cable.
         retries: The number of repetitions of a request after a lost reply.
-        fast: Whether fast sync read is tried where the family supports it.
+        fast: Whether fast sync read is tried if the family supports it.
 
     Attributes:
         servos: The servos by id.
@@ -207,7 +207,7 @@ class ServoBus(RegisterAccess):
 
         Args:
             family: The protocol family.
-            highest_id: The last id to wait for; None: the highest id of a known servo.
+            highest_id: The last id to wait for; None uses the highest id of a known servo.
 
         Raises:
             PortLostError: The port is lost.

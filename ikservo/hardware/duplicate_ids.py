@@ -111,7 +111,7 @@ def find_unexpected_servos(
 ) -> list[FoundServo]:
     """Find servos that may be the silent servos: first those with expected ids, then any others.
 
-    ``known`` are the ids that should be on the line. The port keeps its rate.
+    ``known`` contains the ids that should be on the line. The port keeps its baud rate.
 
     Raises:
         PortLostError: The port is lost.

@@ -96,7 +96,7 @@ BROADCAST_ID = 0xFE
 """The broadcast id, the same for both vendors and both protocols."""
 
 MAX_RETURN_DELAY_S = 254 * 2e-6
-"""The longest delay before a reply that any servo's register can hold."""
+"""The longest return delay that any servo's register can hold, seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ class PacketCodec(Protocol):
         ...
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-        """Find the status packets of the expected data sizes; ``final``: no more bytes come."""
+        """Find status packets of the expected data sizes; ``final``: no more bytes will arrive."""
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:

@@ -109,9 +109,9 @@ class PingResults:
 
     Attributes:
         frames: Every reply by id, in the order of arrival.
-        suspects: Ids in whose slot invalid bytes came: two servos replied at once, or noise.
+        suspects: Ids in whose slots invalid bytes arrived: two servos replied at once, or noise.
         junk: The number of invalid bytes.
-        echoes: Whether the adapter returns what it sends.
+        echoes: Whether the adapter returns the bytes that it sends.
     """
 
     frames: dict[int, list[StatusPacket]] = field(default_factory=dict[int, "list[StatusPacket]"])

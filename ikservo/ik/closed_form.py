@@ -163,8 +163,8 @@ def direction_intervals(
 
     Returns:
         The intervals of each yaw and elbow inside the limits; none if the point is out of reach or
-        the arm has no three parallel joints. Arms that have them only while the forearm does not
-        roll keep its roll at zero.
+        the arm has no three parallel joints. An arm whose joints are parallel only while the
+        forearm does not roll keeps this roll at zero.
     """
     arm = recognise_structure(chain, target.frame)
     arm = arm.with_wrist_locked or arm if arm else None
@@ -187,9 +187,9 @@ def closest_solution(
 ) -> tuple[Vector, ...]:
     """Find joints (dof,) that come closest to an unreachable target, if a closed form gives them.
 
-    A planar arm comes to the reachable point nearest the target. An arm whose wrist cannot help
-    meets the point and rotates the tool as far as the limits allow. The best joints are among the
-    returned ones; all are inside the limits.
+    A planar arm moves its tip to the reachable point nearest the target. An arm whose wrist cannot
+    help reaches the point and rotates the tool as far as the limits allow. The best joints are
+    among the returned ones; all are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:

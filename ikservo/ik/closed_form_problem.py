@@ -150,7 +150,7 @@ class AnalyticProblem:
     ) -> Iterator[Candidate]:
         """Yield the planar solutions with the tool in the required direction.
 
-        If the limits forbid this direction and ``bend`` is set, the nearest allowed one is used.
+        If the limits forbid this direction and ``bend`` is set, the nearest allowed angle is used.
         """
         plane = self.arm.plane
         links = plane.links(self.tip.in_plane_part(roll_rad))

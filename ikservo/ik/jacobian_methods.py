@@ -27,7 +27,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import skew
 
 ORIENTATION_LEVER_M = 0.1
-"""Metres that weigh as much as one radian, about half the length of a small arm."""
+"""Position error [m] that counts as much as one radian, about half the length of a small arm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,8 +197,8 @@ EPSILON = 5e-3
 """Singular values below this fraction of the largest count as zero.
 
 This value is about the radial singular value one degree before the arm is stretched. With a smaller
-one, the iteration would oscillate through the stretched pose forever, 2° back and forth; with a
-larger one, it would stop early.
+value, the iteration would oscillate through the stretched pose forever, 2° back and forth; with a
+larger value, it would stop early.
 """
 
 _PINV_MAX_ITERATIONS = 500

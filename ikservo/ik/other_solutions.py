@@ -1,7 +1,7 @@
 """Other solutions for a target: their number or family, and the solution nearest to the start.
 
-A search converges to one solution; with six joints this is the nearest solution in about two of
-three cases. The closed form has every solution; without it, searches that begin around the start
+A search converges to one solution; with six joints, this is the nearest solution in about two out
+of three cases. The closed form has every solution; without it, searches that begin around the start
 find most of the near solutions.
 """
 

@@ -64,7 +64,7 @@ def _planar_and_wrist_angles(
 
 
 def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
-    """Yield orientations (3, 3) that a target allows, beginning with those near the start's."""
+    """Yield orientations (3, 3) that a target allows, beginning with those near the start."""
     if target.rotation is not None:
         yield target.rotation
         return
@@ -86,7 +86,7 @@ def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
     """Return the joints that meet the point, with the wrist in its start position.
 
     The tool is rotated as near to the aims as the point allows. If the point cannot be met with the
-    roll of the start, the first of a few other rolls that can is used.
+    roll of the start, the first of a few other rolls with which it can be met is used.
     """
     others = problem.arm.wrist[0].sample_range(_ROLLS) if problem.arm.wrist else ()
     for roll in (problem.start_roll, *others):

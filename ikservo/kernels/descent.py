@@ -89,7 +89,7 @@ def has_negative_curvature(problem: Vector, kind: int, weight: float, n: int, wo
 
 
 def _scale_into_limits(radius: float, n: int, work: Matrix) -> bool:
-    """Scale the free joints' step; fix joints that would leave their limits; return if none did."""
+    """Scale the free joints' step; fix joints that would leave their limits; True if none would."""
     longest, total = 0.0, 0.0
     for j in range(n):
         if work[FREE, j] == 1.0:

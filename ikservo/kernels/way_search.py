@@ -3,7 +3,7 @@
 Two trees of straight motions grow, one from the start and one from the goals, until they meet
 (Kuffner and LaValle 2000). If the tool is constrained, they grow in short steps, each of which is
 projected back to the constraint (Berenson and others 2009). Motions are checked at samples;
-``first_contact`` proves the final ones.
+``first_contact`` proves that the final motions are free.
 """
 
 from __future__ import annotations

@@ -215,7 +215,7 @@ class Chain:
         Args:
             q: Joint vector (dof,), rad or m; or many of them, (n, dof).
             frame: Name of a link; the tip if None.
-            offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+            offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
 
         Returns:
             T_world_frame (4, 4), or (n, 4, 4); the offset moves its origin without rotating it.
@@ -241,7 +241,7 @@ class Chain:
         Args:
             q: Joint vector (dof,), rad or m; or many of them, (n, dof).
             frame: Name of a link; the tip if None.
-            offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+            offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
 
         Returns:
             J (6, dof), or (n, 6, dof): linear rows [m/rad or m/m] first, angular rows [rad/rad]
@@ -341,7 +341,7 @@ def joint_torques(
             (0, 0, -9.81 m).
         moment_nm: An additional moment (3,) on the link, newton metres, base frame.
         frame: Name of the link on which the force acts; the tip if None.
-        offset_m: The point (3,) in that link's coordinates, metres; its origin if None.
+        offset_m: The point (3,) in that link's coordinates, metres; the link's origin if None.
 
     Returns:
         tau (dof,): newton metres, newtons for a prismatic joint; positive towards larger q.

@@ -67,7 +67,7 @@ class Choice:
         key: The key on a terminal; empty if there is none.
         wait_s: The time without a change after which a script gives this answer; None if the answer
             is not possible yet.
-        joints: The joints, one of which must be named after the word; empty if none.
+        joints: The joints, one of which must be named after the word; empty if no joint is named.
         joint: The joint to which the key refers; empty if there is none now.
     """
 
@@ -109,7 +109,7 @@ class Question:
     Attributes:
         text: The question.
         unasked: The answer if nobody can be asked.
-        stage: The part of the dialogue to which it belongs.
+        stage: The part of the dialogue to which the question belongs.
         label: A few words on the effect of ``accept``.
         more: Additional answers if there are buttons.
     """

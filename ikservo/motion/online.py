@@ -122,7 +122,7 @@ class OnlineTrajectory:
         return clipped
 
     def set_limits(self, limits: Sequence[KinematicLimits]) -> None:
-        """Set the limits from the next goal on; they must not be slower than before."""
+        """Set the limits that apply from the next goal on; none may be lower than before."""
         self._limits = tuple(limits)
 
     def stop(self, time_s: float) -> None:

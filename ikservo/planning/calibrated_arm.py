@@ -46,7 +46,7 @@ _HINT = (
 
 
 class ZeroSource(Enum):
-    """The source from which the zeros of an arm's joints are known."""
+    """The source of the zeros of an arm's joints."""
 
     CALIBRATED = "this arm's own"
     VENDOR = "the maker's"

@@ -26,7 +26,7 @@ _JOINT_TOLERANCE = "control_msgs/msg/JointTolerance"
 _COMPONENT_TOLERANCE = "control_msgs/msg/JointComponentTolerance"
 
 Fields = Mapping[str, str]
-"""Type of each field; suffix ``[]``: a sequence, ``[<=1]``: at most one, ``[16]``: 16 items."""
+"""Type of each field; ``[]`` marks a sequence, ``[<=1]`` at most one item, ``[16]`` 16 items."""
 
 _MESSAGES: Mapping[str, Fields] = {
     EVENT_INFO: {

@@ -21,7 +21,7 @@ _MAX_AHEAD_S = 0.3  # a message further ahead means that the clocks were not com
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """The operator who controls an arm, the proof of it, and its start by the server's clock."""
+    """The operator who controls an arm: the lease, the name, and the time since when (server)."""
 
     lease: str
     operator: str

@@ -45,7 +45,7 @@ class SettlingTrajectory:
         limits: The kinematic limits of each joint.
         stuck: The lowest and highest leads of goals (n,) at which friction keeps the joints still.
         is_reached: Returns whether the tool is at its target at the measured joints (n,), even if
-            not every joint is at its own; goals then stay, and the trajectory ends at rest.
+            not every joint is at its own target; goals then stay, and the trajectory ends at rest.
     """
 
     def __init__(
