@@ -101,7 +101,7 @@ def install_command(extra: str = "") -> str:
 
 
 def install_hint(message: str) -> str:
-    """Return how to install the extra that a simulator's message names; empty if there is none."""
+    """Return advice on installing the extra that a simulator's message names; empty if none."""
     needed = _NEEDED_EXTRA.search(message)
     return f"Install it: {install_command(needed[1])}" if needed else ""
 

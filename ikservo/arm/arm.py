@@ -43,7 +43,7 @@ class Arm(MotionMethods):
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
-    run in the background, after earlier ones, and return a ``RunningMotion``, whose ``wait``
+    run in the background, after earlier motions, and return a ``RunningMotion``, whose ``wait``
     returns the result or raises the error. Closing the arm cancels them. ``plan``, ``execute`` and
     ``start`` take a motion as a value; ``ikservo.planning.motions`` explains all motions and
     options. Apps add methods such as ``record`` and ``replay``, and the attribute ``camera``.
@@ -145,9 +145,8 @@ class Arm(MotionMethods):
     def clearance_m(self, positions: Positions) -> float:
         """Return the smallest distance [m] between parts of the arm, or to the table or a box.
 
-        ``positions`` are by joint, rad or m, with measured values for the other joints, or of all
-        joints (n,). The distance is infinite if the arm is not calibrated or has no collision
-        checks.
+        ``positions`` are given by joint, rad or m (other joints: as measured), or for all joints
+        (n,). The distance is infinite if the arm is not calibrated or has no collision checks.
         """
         return self.preflight.clearance_m(positions)
 

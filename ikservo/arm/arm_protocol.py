@@ -1,7 +1,7 @@
 """Common interface of open arms, whose servos are on this machine or on another one.
 
 ``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that accepts either of them
-uses this type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
+uses this type; code that needs the servos uses an ``Arm``, see ``require_own_port`` in
 ``ikservo.arm.opening``.
 """
 

@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class Stoppable(Protocol):
-    """Methods of an arm that a background motion needs; ``MotionRunner`` has them."""
+    """Methods of an arm that a background motion needs; ``MotionRunner`` provides them."""
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold."""
@@ -243,7 +243,7 @@ class Background:
         """Start a motion in a thread, after earlier motions; it counts as requested now.
 
         Raises:
-            RefusedError: As in ``turn``.
+            RefusedError: See ``turn``.
         """
         self._check_no_stream()
         return self._start_thread(partial(work, *args, **kwargs), self._stop_request.count)

@@ -142,8 +142,8 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
     Args:
         arm: The arm.
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-        speed: rad/s for a joint (m/s for a prismatic one) or m/s for the tip; negative to reverse.
-            None: the arm file's slow speed, or 0.05 m/s for the tip.
+        speed: rad/s for a joint (m/s if prismatic) or m/s for the tip; negative to reverse. None
+            means the arm file's slow speed, or 0.05 m/s for the tip.
         wanted: Called in every control cycle: True continues, False brakes and holds, None means no
             decision; after 0.3 s without a decision, the arm also brakes and holds.
 

@@ -261,7 +261,7 @@ class MotionMethods(Protocol):
     def start(
         self, motion: MotionValue[R], on_progress: OnProgress | None = None
     ) -> RunningMotion[R]:
-        """Start a motion in the background, after earlier ones.
+        """Start a motion in the background, after earlier motions.
 
         The motion counts as requested now: a later stop ends it, even before it has started.
         """

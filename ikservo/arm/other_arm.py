@@ -29,8 +29,8 @@ class OtherArm:
         runner: The runner of the other arm's motions.
         T_base_other: The pose (4, 4) of the other arm's base frame in this arm's base frame.
         turn: Lock that lets only one of the two arms move at a time.
-        left: The result of ``things`` when the other arm was closed; None while it is open, or if
-            nothing could be measured.
+        left: The result of ``things`` at the time when the other arm was closed; None while that
+            arm is open, or if nothing could be measured.
     """
 
     name: str

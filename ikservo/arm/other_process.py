@@ -88,7 +88,7 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
 def query_state(model: Model, port: str | None) -> ArmState | None:
     """Request an arm's state from the program that has its port open; None if there is no program.
 
-    An arm on another machine is opened there without taking control of it.
+    An arm on another machine is opened over the network without taking control of it.
 
     Raises:
         IkservoError: That program cannot report the state.

@@ -59,7 +59,7 @@ class Scene:
 
     Args:
         context: The arm.
-        runner: Runs its motions.
+        runner: Runs the arm's motions.
     """
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
@@ -230,7 +230,7 @@ class Scene:
             own_name: Name of this arm in the other scene; None uses the name of its model.
 
         Raises:
-            BadValueError: The name is taken, the place is not valid or is that of this arm, or
+            BadValueError: The name is taken, the place is not valid or equals this arm's place, or
                 ``other`` is not another arm.
             RefusedError: One of the arms is moving, its position is unknown, or its paths are not
                 checked for collisions.
@@ -405,7 +405,7 @@ class Scene:
 
 
 def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
-    """Return the base frame (4, 4) of another arm.
+    """Return the pose (4, 4) of another arm's base frame.
 
     Raises:
         BadValueError: The place is too far away, not valid, or the place of this arm.

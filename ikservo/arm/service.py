@@ -65,7 +65,7 @@ class ArmDescription:
 
 
 class ServableArm(OpenArm, Protocol):
-    """An arm on a port of this process; ``Arm`` is one."""
+    """An arm on a port of this process, such as an ``Arm``."""
 
     @property
     def runner(self) -> MotionRunner:
@@ -108,7 +108,7 @@ class ArmService:
     ) -> StopResult:
         """Stop the arm, whoever moves it, and return the state of each joint once the arm rests.
 
-        An operator's stop of its own motion returns at once, because the motion reports its end.
+        If an operator stops its own motion, this returns at once: the motion reports its end.
 
         ``at_rest`` is the reason if no motion is running; None uses ``reason``.
 

@@ -69,9 +69,10 @@ def choose_homing(
     *,
     counts_on: bool = False,
 ) -> Homing:
-    """Choose the homing settings for a joint's travel; keep the present ones if they suffice.
+    """Choose the homing settings for a joint's travel; keep the present settings if possible.
 
-    The travel is in bare ticks, unwrapped. ``counts_on``: a Dynamixel is in a multi-turn mode.
+    The travel is in bare ticks, unwrapped. ``counts_on`` is True for a Dynamixel in multi-turn
+    mode.
 
     Raises:
         CalibrationError: The travel is a revolution or more, or crosses a wrap-around that cannot

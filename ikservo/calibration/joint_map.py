@@ -88,8 +88,8 @@ class JointMap:
         servo_id: Id of the servo on the bus.
         sign: +1 if the joint position increases with the ticks, otherwise -1.
         zero_tick: The tick at position zero; may be fractional.
-        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; the maximum with a
-            crank.
+        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; with a crank, the
+            maximum.
         unit: The unit of positions.
         crank: The crank between the horn and the joint, if any.
         horn_rad_per_tick: Rotation of the horn per tick.
@@ -153,7 +153,7 @@ class JointMap:
 
     @property
     def unit_per_horn_rad(self) -> float:
-        """Travel [rad or m] per radian of the horn; the maximum with a crank."""
+        """Travel [rad or m] per radian of the horn; with a crank, the maximum."""
         return self.unit_per_tick / self.horn_rad_per_tick
 
     @property

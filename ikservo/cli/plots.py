@@ -40,7 +40,7 @@ _FILL, _EDGE, _ARM, _POINT = "#cfe8e4", "#2a7f74", "#3c4043", "#c0392b"
 
 
 def check_plot_file(file: Path) -> None:
-    """Check the file and matplotlib before any work is done.
+    """Check that the file and matplotlib can be used, before any work is done.
 
     Raises:
         InputError: The file is neither .svg nor .png, or its folder does not exist.

@@ -52,7 +52,7 @@ def quick_stop(args: Sequence[str]) -> int | None:
 
 
 def _stop_one(arm: str, port: str) -> StopAllResult:
-    """Stop an arm by its name or port; return nothing if only the complete command can stop it."""
+    """Stop an arm by its name or port; the result is empty if that needs the complete command."""
     remote = offered_part("stop")
     if remote is not None and port.startswith(f"{remote.scheme}:"):
         return StopAllResult((remote.stop_address(port),))

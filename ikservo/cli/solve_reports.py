@@ -258,7 +258,7 @@ def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[flo
 def print_comparison(
     model: Model, entries: Sequence[MethodResult], target: Target, *, json: bool
 ) -> None:
-    """Print one row per method with reached, iterations, time and error."""
+    """Print one row per method: whether it reached the target, iterations, time and error."""
     fields = _comparison_fields(model, with_angle=not target.only_position)
     print_records("compare", "methods", entries, fields, json=json,
                   target_m=target.position, limit_from=limit_sources(model))  # fmt: skip

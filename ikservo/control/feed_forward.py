@@ -123,7 +123,7 @@ class FeedForward:
                 joint moves, 0 at rest.
             held_s: Time for which a goal is held until the next one; twice the mean age of goals.
             unmodelled: Additional load of the joints (..., n), given as the lag, rad or m, that it
-                would cause without friction; None: no load.
+                would cause without friction; None means no load.
 
         Returns:
             The offsets (..., n), with the leading dimensions of the unmodelled load.

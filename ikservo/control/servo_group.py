@@ -398,7 +398,7 @@ def wait_until_still(
 ) -> None:
     """Wait until a sinking limp arm is at rest, so that plans start from its final position.
 
-    If the arm falls, the wait ends at once, because torque must come on. It also ends after
+    If the arm falls, the wait ends at once, because torque must come on. The wait also ends after
     ``timeout_s``, because a hand may be moving the arm.
 
     Raises:

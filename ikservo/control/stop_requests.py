@@ -28,9 +28,10 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 class StopRequest:
     """A request to stop the arm: its reason and the number of requests.
 
-    Signal handlers and threads may set it, because this takes few assignments. The control loop
-    checks it in every cycle. A stop also ends requests that have not moved the arm yet:
-    ``requested`` marks the code of a request, and ``check_request`` raises an error in it.
+    Signal handlers and threads may set the request, because setting it takes only a few
+    assignments. The control loop checks it in every cycle. A stop also ends requests that have not
+    moved the arm yet: ``requested`` marks the code of a request, and ``check_request`` raises an
+    error in it.
 
     Attributes:
         times: The number of stop requests since the last one was acknowledged.
@@ -117,7 +118,7 @@ class StopRequest:
         return self.count if marked is None else marked
 
     def is_request_over(self) -> bool:
-        """Check whether this thread's request was withdrawn, or the arm was stopped after it."""
+        """Check whether this thread's request was withdrawn, or the arm was stopped since."""
         if self._marked is None:
             return False
         count, withdrawn = self._marked
@@ -215,7 +216,7 @@ _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
 
 def exit_exception(number: int, text: str) -> BaseException:
-    """Return the exception that ends the program after a signal.
+    """Return the exception that ends the program after a signal (decision 15).
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
     pressed Ctrl-C does not go on to its next motion. The number of the signal is 0 if the program

@@ -198,7 +198,7 @@ class StreamedServos:
 
     @property
     def goals_wire_s(self) -> float:
-        """The time in which goals for all servos are transmitted; servos do not reply to them."""
+        """The transmission time of goals for all servos, which do not reply to them."""
         header = 14
         each = 1 + next(iter(self._bus.servos.values())).table.goal_position.size
         return self._bus.port.wire_s(header + each * len(self._bus.servos))
@@ -257,7 +257,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The motion's top speed at the horns; None: the top speed of each joint.
+            speed_rad_s: The motion's top speed at the horns; None uses the top speed of each joint.
             profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:
@@ -304,7 +304,7 @@ class StreamedServos:
         """Read the joints (n,), rad or m, and the telemetry of one servo.
 
         Servos that their watchdogs stopped while the program was delayed are started again at their
-        positions, from which goals then start, too; ``restarts`` counts such restarts.
+        positions, and goals continue from there; ``restarts`` counts this.
 
         Raises:
             BusError: A servo that must be started again does not answer.

@@ -72,7 +72,7 @@ _DYNAMIXEL_TIME_S = 2.0  # time until the servo protects itself
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
-    """Read a servo's overload rule for its share of the motor table's P gain; None: no protection.
+    """Read a servo's overload rule for its share of the motor table's P gain; None if it has none.
 
     Raises:
         BusError: The servo does not answer.

@@ -33,7 +33,7 @@ class FileWriteError(IkservoError, OSError):
         path: The file.
         why: The system's error text.
         changed: Whether the file was written, but its folder could not be synced.
-        kept: A clause that says what was kept or written; empty: no existing file was changed.
+        kept: A clause that says what was kept or written; empty if no existing file was changed.
     """
 
     def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:
@@ -184,7 +184,7 @@ def _translating_os_errors(path: Path, *, changed: bool = False) -> Generator[No
 
 
 def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
-    """Create a folder and its parents; append the new ones to ``made``."""
+    """Create a folder and its parents; append the new folders to ``made``."""
     if folder.is_dir():
         return
     _make_folders(folder.parent, mode, made)

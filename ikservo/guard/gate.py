@@ -187,7 +187,7 @@ class Gate:
         return tuple([each.driven.joint for each in self._joints if each.is_stale(now_s)])
 
     def shorten_goals(self, goals: TickRow, now_s: float) -> list[int | None]:
-        """Return the allowed goals nearest to the given ones, on the straight path to them.
+        """Return the allowed goals nearest to the given goals, on the straight path to them.
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
         shortened, those of all joints by the same fraction. A goal that the joint could not reach

@@ -87,7 +87,7 @@ class JointGate:
         return self.goal
 
     def consume_step(self, tick: int, elapsed_s: float) -> None:
-        """Record the step to a goal that is sent ``elapsed_s`` after the last one."""
+        """Record the step to a goal that is sent ``elapsed_s`` after the last goal."""
         self._rate.consume(abs(tick - self.last_goal()), elapsed_s)
 
     def is_stale(self, now_s: float) -> bool:

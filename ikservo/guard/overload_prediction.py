@@ -57,7 +57,7 @@ class _Pressing:
         reached_s: Last time at which the output was beyond the limit.
         bound: The pulled-back goal, which the motion does not pass; None if it is not pulled back.
         warned: Whether the user was warned.
-        side: 1 if the joint presses towards greater ticks, -1 towards smaller ones.
+        side: 1 if the joint presses towards greater ticks, -1 if towards smaller ticks.
     """
 
     tick: int = 0

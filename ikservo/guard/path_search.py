@@ -129,7 +129,7 @@ class WaySearch:
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
         """Continue the search until a path is found and proven free.
 
-        At most ``most`` postures are checked; ``is_over``, called often, returns True to end it.
+        At most ``most`` postures are checked; the search also ends once ``is_over`` returns True.
 
         Returns:
             The postures (k, n) of the path; None if none was found yet, or the start or all goals
@@ -163,7 +163,7 @@ class WaySearch:
     def _bound(
         self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
     ) -> Callable[..., object]:
-        """Return a kernel function that still needs the sample distance and the bound."""
+        """Return a kernel function with all arguments bound except the last two, step and bound."""
         tool, dof = self._tool, len(self._columns)
         nothing = np.zeros((0, 8))
         return bind(

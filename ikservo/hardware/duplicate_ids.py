@@ -30,7 +30,8 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     """Raise an error that explains a failed request if possible; send only pings and reads.
 
     Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
-    servos are silent, others may be on the line; the search for these takes up to two seconds.
+    servos are silent, other servos may be on the line; the search for these takes up to two
+    seconds.
 
     Raises:
         BadReplyError: Several servos reply at one id; all such ids are named.

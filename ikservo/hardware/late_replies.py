@@ -24,7 +24,7 @@ _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at mos
 
 
 class LineHealth:
-    """Health of the line: healthy after enough clean requests; each anomaly requires more.
+    """Health of the line: healthy after enough clean requests, of which each anomaly requires more.
 
     Args:
         clean_requests: The number of clean requests until the line counts as healthy.

@@ -101,7 +101,7 @@ MAX_RETURN_DELAY_S = 254 * 2e-6
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """A status packet whose checksum is right: its sender, error byte and parameters."""
+    """A status packet whose checksum is correct: its sender, error byte and parameters."""
 
     servo_id: int
     error: int
@@ -113,7 +113,7 @@ class ScanResult:
     """Result of scanning the bytes received so far.
 
     Attributes:
-        frames: Status packets whose checksums are right, in order.
+        frames: Status packets whose checksums are correct, in order.
         pending: Bytes at the end that may be the beginning of another packet.
         junk: Bytes that belong to no packet.
     """
@@ -148,5 +148,5 @@ class PacketCodec(Protocol):
         ...
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is not one."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; else return None."""
         ...

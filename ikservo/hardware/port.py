@@ -263,7 +263,7 @@ class Port(SdkPort):
                 self.is_using = False
 
     def stale_bytes(self, count: int) -> int:
-        """Compute how many of the bytes that came since the request were sent before it."""
+        """Compute how many of the bytes received since the request were sent before the request."""
         since_s = self.clock.now_s() - self.sent_all_s
         return self.byte_rate.excess_bytes(count - self._echo_bytes, since_s, self.wire_s(1))
 
@@ -330,7 +330,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """Replaces the parent process's transport in a forked child; keeps the original unclosed."""
+    """Replaces the parent process's transport in a forked child, without closing the original."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport

@@ -72,7 +72,7 @@ _NO_ANGLE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """Joints (dof,) that meet the target point, and the orientation error of their tool."""
+    """Joints (dof,) that reach the target point, and the orientation error of their tool."""
 
     q: Vector
     miss: float

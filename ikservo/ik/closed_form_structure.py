@@ -136,7 +136,7 @@ _SAME_POSE = 1e-9
 
 
 def recognise_structure(chain: Chain, frame: str | None = None) -> ArmStructure | None:
-    """Return the structure of the arm up to a frame (None: the tip); None if it is unknown."""
+    """Return the structure of the arm up to a frame, by default the tip; None if it is unknown."""
     chain = chain.rigid
     cached = _structure_cache.setdefault(chain, {})
     if frame in cached:

@@ -208,7 +208,7 @@ def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -
     """Iterate from ``q0`` in small steps that solve the linearised problem.
 
     With a posture in the options the joints move towards it as far as the target leaves freedom,
-    and the iteration ends when both have come to rest.
+    and the iteration ends when nothing moves any more.
 
     Raises:
         BadValueError: The posture has the wrong shape, is not finite, or a weight is negative.
@@ -233,8 +233,8 @@ def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     """Compute the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
     ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` if ``s < ε s_max``. ``Δ = J⁺ E`` is the
-    least-squares solution of ``J Δ = E`` if no solution is exact, the one of least norm if there
-    are many.
+    least-squares solution of ``J Δ = E`` if no solution is exact, and the solution of least norm if
+    there are many.
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)

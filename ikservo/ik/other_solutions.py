@@ -43,7 +43,7 @@ _NEARBY_STEPS = 20  # steps of such a search; if it has not converged by then, i
 def solution_set(
     chain: Chain, target: Target, q: Vector, tolerance: Tolerance | None = None
 ) -> SolutionSet:
-    """Return the number or family of the solutions of a target that joints (dof,) meet."""
+    """Return the number or family of the solutions of a target that joints (dof,) reach."""
     task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
     current = task.linearise(q)
     if not task.is_met(current, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):

@@ -110,7 +110,7 @@ def solve(
         chain: The arm, or its model, its name, or the path of its file; the result is never outside
             its limits, not even by one ulp.
         target: The target, or a point (3,) for the tip, metres.
-        q0: The start (dof,), rad or m; may be outside the limits. None: ``initial_joints()`` of
+        q0: The start (dof,), rad or m; may be outside the limits. None uses ``initial_joints()`` of
             the model, where ``ikservo solve`` begins, or the middle of the ranges of a chain, which
             has no poses.
         method: ``auto`` or one of ``METHODS``.

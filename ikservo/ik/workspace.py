@@ -160,7 +160,7 @@ class _FloodFill:
         self._joints = np.zeros((*grid.shape, chain.dof))
 
     def mark_reached(self, q: Matrix, tip_m: Matrix) -> Cells:
-        """Mark the cells of tips (n, 3) at joints (n, dof); return the new ones (m, 3)."""
+        """Mark the cells of tips (n, 3) at joints (n, dof); return the new cells (m, 3)."""
         cells, exist = self._grid.cells_of(tip_m)
         cells, q = cells[exist], q[exist]
         fresh = ~self.reached[tuple(cells.T)]
@@ -183,7 +183,7 @@ class _FloodFill:
             cells = self.mark_reached(q, tip_positions(self._chain, q))
 
     def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
-        """Return open cells (m, 3) next to cells (n, 3), and the joints found for those cells."""
+        """Return unreached neighbours (m, 3) of cells (n, 3), each with the joints of its cell."""
         around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
         origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
         exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)

@@ -178,7 +178,7 @@ def front_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> 
 
 
 def top_plane(chain: Chain, home: ArrayLike, height_m: float | None = None) -> Matrix:
-    """Return the horizontal plane at a height; None: the height of the tip at ``home``."""
+    """Return the horizontal plane at a height; None uses the height of the tip at ``home``."""
     tip = chain.forward(home)[:3, 3]
     return make_pose((0.0, 0.0, float(tip[2]) if height_m is None else height_m))
 

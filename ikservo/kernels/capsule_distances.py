@@ -2,7 +2,7 @@
 
 Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so
 that a stream of goals can be checked in real time. The distances equal those of
-``kinematics.body``; a test compares both.
+``kinematics.collision_body``; a test compares both.
 """
 
 from __future__ import annotations

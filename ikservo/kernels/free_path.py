@@ -227,8 +227,8 @@ def free_fraction(
     """Return the fraction of the path that is free around the first posture, up to ``most``.
 
     If something is nearer than allowed, return -1 - ``hit``: ``hit`` is the row of ``pairs``, or
-    the number of pairs plus that of the link that is too near an obstacle. The given ``hit`` is
-    checked first.
+    the number of pairs plus the number of the link that is too near an obstacle. The given ``hit``
+    is checked first.
     """
     place_links(links, postures[0], places)
     _place_balls(balls, places, centres)

@@ -218,7 +218,7 @@ def fits(
 
 
 def is_packed_chain(arm: Matrix) -> bool:
-    """Check whether an array is of a packed chain's shape, and its columns exist."""
+    """Check whether an array has the shape of a packed chain, and its columns exist."""
     if len(arm) < 2 or arm.shape[1] != WIDTH:
         return False
     steps, n = int(arm[0, STEPS]), int(arm[0, DOF])
@@ -253,7 +253,7 @@ def solve_all(
         seeds: (dof + SEED_SIZE, at least RESTARTS - 1) further starting points.
         work: Work array, at least ``work_shape(dof, RESTARTS)``.
         scores: Work array (SCORE_ROWS, at least RESTARTS).
-        trace: (t, dof), its second half for the iterates of the best attempt; may have no rows.
+        trace: (t, dof); the second half is for the iterates of the best attempt; may have no rows.
         results: (m, 2 * dof + RESULT_TAIL), filled.
 
     Returns:

@@ -44,7 +44,7 @@ from ikservo.kinematics.packed import COLUMN, POSITION
 def score_seeds(
     arm: Matrix, problem: Vector, settings: Vector, seeds: Matrix, n: int, scores: Matrix
 ) -> None:
-    """Fill SEED_COST with each seed's squared error with the best first joint, up to a constant."""
+    """Fill SEED_COST with each seed's squared error at its best first joint, up to a constant."""
     kind, count = int(settings[KIND]), int(settings[RESTARTS]) - 1
     for k in range(count):
         scores[SEED_COS, k], scores[SEED_SIN, k] = 0.0, 0.0

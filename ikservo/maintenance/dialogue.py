@@ -111,7 +111,7 @@ class Question:
         unasked: The answer if nobody can be asked.
         stage: The part of the dialogue to which the question belongs.
         label: A few words on the effect of ``accept``.
-        more: Additional answers if there are buttons.
+        more: Additional answers, for an interface with buttons.
     """
 
     text: str
@@ -148,7 +148,7 @@ class HandRequest:
     """A task for the user with the limp arm; yielded again with each reading of its servos.
 
     Attributes:
-        stage: The part of the dialogue to which it belongs.
+        stage: The part of the dialogue to which the request belongs.
         step: The progress of the dialogue, such as ``Step 2 of 9``.
         text: The task of the user.
         at_s: The time of the reading.
@@ -239,8 +239,8 @@ def read_answers(
 ) -> list[str]:
     """Read the answers from a file, one per line; ``#`` begins a comment.
 
-    ``known`` are the possible answers; a second word in one of them stands for any name. ``former``
-    maps each old word for an answer to its new word.
+    ``known`` are the possible answers; a second word in an answer means any name. ``former`` maps
+    each old word for an answer to its new word.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

@@ -116,7 +116,7 @@ def _make_check(arm: Arm, start: Mapping[str, float], name: str, travel: float) 
 
 
 def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint as planned by ``plan_lift`` or ``plan_clearance``; it stays there.
+    """Move a joint as planned by ``plan_lift`` or ``plan_clearance``; the joint stays there.
 
     Raises:
         CalibrationError: The joint did not follow.
@@ -129,7 +129,7 @@ def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
 
 
 def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint there and back, and check that no other joint moves.
+    """Move a joint by the test motion and back, and check that no other joint moves.
 
     Raises:
         CalibrationError: The joint did not follow, or another joint moved as well.

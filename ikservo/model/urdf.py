@@ -342,7 +342,7 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
 
     Args:
         path: The file.
-        folder: The folder of its meshes; None: the folder of the file.
+        folder: The folder of its meshes; None uses the folder of the file.
 
     Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
 

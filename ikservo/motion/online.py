@@ -34,9 +34,9 @@ class OnlineTrajectory:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
             then comes to rest.
         limits: The kinematic limits of each joint.
-        lower: The lowest positions (n,); None: no bound. A start outside extends the bounds to the
-            start, so that a joint slightly outside can move back.
-        upper: The highest positions (n,); None: no bound.
+        lower: The lowest positions (n,); None means no bound. A start outside extends the bounds to
+            the start, so that a joint slightly outside can move back.
+        upper: The highest positions (n,); None means no bound.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or lower is above upper.

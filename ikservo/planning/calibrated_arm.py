@@ -340,7 +340,7 @@ class CalibratedModel:
 
 
 def calibrated_model(model: Model) -> CalibratedModel:
-    """Read the calibrations of an arm, without a bus; return the arm with the newest one.
+    """Read the calibrations of an arm, without a bus; return the arm with the newest.
 
     A URDF without an arm file has no servos, and therefore no calibration.
 

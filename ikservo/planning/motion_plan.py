@@ -215,7 +215,7 @@ def rebase_trajectory(
     """Return the plan's trajectory, starting from the goals (n,) that the servos hold.
 
     The goals equal the plan's start within a tick, or are slightly inside the limits if a limp
-    joint was outside. A joint motion then starts from the goals; before a line there is a motion to
+    joint was outside. A joint motion then starts from the goals; a line is preceded by a motion to
     its start.
 
     Raises:

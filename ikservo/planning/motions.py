@@ -396,7 +396,7 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""The motions of the tip; if a motion has ``path_from``, the planner uses only this path of it."""
+"""The motions of the tip; if a motion has ``path_from``, the planner gets its path from there."""
 
 
 @dataclass(frozen=True)

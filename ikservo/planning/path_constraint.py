@@ -204,7 +204,7 @@ class ConstrainedTool:
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
-        """Find joints (dof,) near the given ones, well inside the limits; None if not found.
+        """Find joints (dof,) near the given joints, well inside the limits; None if not found.
 
         The tip is at ``target_m`` (3,) if it is given, otherwise free.
         """

@@ -247,7 +247,7 @@ class Planner:
     def plan_along(
         self, start: Vector, points: Sequence[Vector], speed: str, blend: float
     ) -> MotionPlan:
-        """Plan a joint motion through points (n,), with rounded corners and a final rest.
+        """Plan a joint motion through points (n,), with rounded corners and rest at the end.
 
         ``blend`` is the distance before a point at which the straight path is left, rad or m.
         """

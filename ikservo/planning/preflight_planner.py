@@ -306,7 +306,7 @@ class PreflightPlanner:
         return clamp_pose(pose, positions, self._servos.driven_joints, start)
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
-        """Compute the smallest distance [m] of the arm from a contact; see ``Arm.clearance_m``."""
+        """Compute the clearance of the arm [m]; see ``Arm.clearance_m``."""
         names, index = self._servos.names, self._context.index
         by_name = parse_all_positions(positions, names)
         complete = len(by_name) == len(names)

@@ -102,7 +102,7 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Set the arm's body and the obstacles around it; other arms stay where they were last."""
+        """Set the arm's body and the obstacles around it; other arms keep their last places."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)

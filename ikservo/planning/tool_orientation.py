@@ -315,7 +315,7 @@ class OrientationSolver:
                 return
 
     def _solve_target(self, desired: Matrix | Vector | None, q: Vector) -> Iterator[Result]:
-        """Yield solutions with the point and an orientation (3, 3) or direction (3,)."""
+        """Yield solutions that reach the point with an orientation (3, 3) or direction (3,)."""
         of_axis = desired is None or desired.ndim == 1
         target = Target(
             self._target.position,

@@ -1,4 +1,4 @@
-"""Types of ROS 2 Jazzy that rosbags does not know: services and the trajectory action.
+"""Types of ROS 2 Jazzy that rosbags does not contain: services and the trajectory action.
 
 For its hash, a service is described as a message with request, response and event, and an action as
 two services and a message that contain the goal's id.

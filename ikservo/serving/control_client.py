@@ -124,7 +124,7 @@ class StopResult:
         port: The port of the arm.
         moving: Whether another program was moving the arm.
         held: The joints that hold.
-        limp: Joints without torque; nothing was changed there.
+        limp: Joints without torque; their servos were not changed.
         silent: Joints that did not reply.
         latched: Whether a program has the arm and moves it only once the stop is acknowledged.
     """

@@ -211,7 +211,7 @@ def settle(
 ) -> SettlingResult:
     """Correct the goals until the joints are at their target, or as close as possible.
 
-    If a joint cannot move further, the others compensate for it once.
+    If a joint cannot move further, the other joints compensate for this once.
 
     Args:
         loop: Streams to the servos.

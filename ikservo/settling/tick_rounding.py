@@ -38,7 +38,7 @@ def round_to_ticks(
     the motion of the tool per tick of each joint: three rows for its position, three for its
     rotation away from the orientation at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations
     within a few ticks are tried, except for the joint that moves the tool most: its best tick
-    follows from the others.
+    follows from the ticks of the others.
 
     Args:
         chain: The joints from base to tool.
@@ -158,7 +158,7 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
     """Compute joints (dof,) near ``q`` that bring the tip to its target while some joints are held.
 
     Damped least squares (lecture L8) without the columns of the held joints give the smallest step
-    of the others.
+    of the other joints.
 
     Args:
         chain: The joints from base to tool.
@@ -167,7 +167,7 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
         held: Names of the joints that stay.
 
     Returns:
-        The joints, or None if the others cannot halve the error.
+        The joints, or None if the other joints cannot halve the error.
     """
     free = np.array([name not in held for name in chain.names])
     low, high = chain.clip(q - _MAX_STEP_RAD), chain.clip(q + _MAX_STEP_RAD)

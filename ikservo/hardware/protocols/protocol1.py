@@ -147,7 +147,7 @@ class Protocol1Codec:
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is not one."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; else return None."""
         raise NotImplementedError
 
 

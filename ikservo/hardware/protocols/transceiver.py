@@ -94,7 +94,7 @@ class ReplyReader:
         return early <= 0
 
     def _parse_received(self, *, final: bool) -> None:
-        """Find frames and replies in all received bytes, after our own echo (F12)."""
+        """Find frames and replies in all received bytes, after the echo of the request (F12)."""
         raw, sent = bytes(self._raw), self._port.sent
         if self._port.echoes is not False:
             # The reply to a ping may consist of the same bytes as the ping.
@@ -303,7 +303,7 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Cache of packets without values, which the SDK builds once and a program repeats."""
+    """Cache of repeated packets without values, so that the SDK builds each of them only once."""
 
     def __init__(self, port: Port, cacheable: frozenset[int]) -> None:
         self._port, self._cacheable = port, cacheable
