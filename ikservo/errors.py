@@ -318,7 +318,7 @@ class CalibrationError(IkservoError):
 
 
 class PictureError(CalibrationError):
-    """A camera gives no picture, or a picture that cannot be used because the board is missing."""
+    """A camera delivers no picture, or a picture that is unusable because the board is missing."""
 
     exit_code = ExitCode.FAILED
 

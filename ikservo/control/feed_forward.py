@@ -1,7 +1,7 @@
 """Feed-forward: the lead that goals need so that joints follow a moving reference.
 
-A position servo is like a spring to its goal: it gives torque only while its joint lags. The torque
-that a motion needs is known from masses and motors, so goals lead the reference by the lag::
+A position servo is like a spring to its goal: it produces torque only while its joint lags. The
+torque that a motion needs is known from masses and motors, so goals lead the reference by the lag::
 
     L = tau(q, qd, qdd) + d                    gravity and inertia of the links, unmodelled load d
     M = L + J qdd + f                          motor torque, with rotor inertia J and friction f

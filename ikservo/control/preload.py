@@ -1,4 +1,4 @@
-"""Press rotors to the driving flanks of their gears before a motion begins."""
+"""Press rotors against the driving flanks of their gears before a motion begins."""
 
 from __future__ import annotations
 

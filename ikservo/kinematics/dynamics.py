@@ -167,7 +167,7 @@ class Dynamics:
         return self._generalized(-moved @ self.gravity_m_s2, q)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Vector:
-        """Compute the torques that give the joints an acceleration (recursive Newton-Euler).
+        """Compute the torques for given joint accelerations (recursive Newton-Euler).
 
         Args:
             q: Joints (dof,) or (n, dof).

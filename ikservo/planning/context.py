@@ -132,7 +132,7 @@ class ArmContext:
         )
 
     def progress_reporter(self, on_progress: OnProgress | None) -> OnCycle | None:
-        """Return a function that reports control cycles to ``on_progress``, which may be None."""
+        """Return a control-loop callback that reports to ``on_progress``; None if that is None."""
         return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:

@@ -360,7 +360,7 @@ class PreflightPlanner:
             raise
 
     def rest_pose(self) -> PoseWithinLimits:
-        """Return the rest pose within the limits; a gripper that presses on something stays."""
+        """Return the rest pose within the limits; a gripper that presses keeps its position."""
         rest, gripper = dict(self._model.pose("rest")), self._model.gripper
         start = self._runner.start_position()
         if gripper is not None:
