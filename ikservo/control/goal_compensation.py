@@ -243,7 +243,7 @@ class GoalCompensator:
         )
 
     def _adapt_gains(self, positions: Vector) -> None:
-        """Adapt the gains of feedback to the inertia of a posture (n,)."""
+        """Adapt the feedback gains to the inertia of the arm in a posture (n,)."""
         self._adapted_s = 0.0
         if self.feed_forward is not None:
             rows = np.zeros((2, len(positions)))

@@ -300,7 +300,7 @@ class Port(SdkPort):
         self.transport = _ForeignTransport(self.transport)
 
     def closePort(self) -> None:
-        """Close this object, and the transport with the last one; a lost port is not an error."""
+        """Close this object; the last one closes the transport. A lost port is not an error."""
         with _opening:
             _openings.pop(self, None)
             if any(other.transport is self.transport for other in _openings):

@@ -147,7 +147,7 @@ def _is_same_solution(a: Vector, b: Vector) -> bool:
 
 
 def initial_joints(chain: Chain, q0: ArrayLike | None) -> Vector:
-    """Return q0 (dof,) after a check, or the middle of the limits."""
+    """Check and return q0 (dof,); if it is None, return the middle of the limits."""
     return chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
 
 

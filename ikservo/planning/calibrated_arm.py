@@ -340,7 +340,7 @@ class CalibratedModel:
 
 
 def calibrated_model(model: Model) -> CalibratedModel:
-    """Read the calibrations of an arm, without a bus; return the arm with the newest.
+    """Read the calibrations of an arm, without a bus; return the arm as in the newest one.
 
     A URDF without an arm file has no servos, and therefore no calibration.
 
