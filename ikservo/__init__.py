@@ -9,8 +9,8 @@
     with ikservo.open_arm("so101", port="sim") as arm:
         report = arm.move_to((0.25, 0.05, 0.15))
 
-Positions are metres in the arm's base frame, joints radians (metres for prismatic ones).
-Names are imported when they are first used, so that the command line starts at once.
+Positions are metres in the arm's base frame, joints radians (metres for prismatic joints). Names
+are imported when they are first used, so that the command line starts at once.
 """
 
 from importlib import import_module

@@ -2,7 +2,7 @@
 
 An app is a folder with commands, their modules, and one `App` value. The core finds this value and
 imports the rest on first use; no module of the core imports an app. Built-in apps are the folders
-of ``ikservo.apps``; other distributions name theirs in the entry point group ``ikservo.apps``.
+of ``ikservo.apps``; other distributions list their apps in the entry point group ``ikservo.apps``.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Panel:
 
     Attributes:
         rows: Names and values, as text.
-        motions: Motions by the text of their buttons, built like the steps of a program.
+        motions: Motions by the text on their buttons; they are built like the steps of a program.
     """
 
     rows: Sequence[tuple[str, str]] = ()
@@ -46,7 +46,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class App:
-    """Parts that an app adds to ikservo. Places are ``package.module:name``, imported when used.
+    """Parts that an app adds to ikservo; a place is ``package.module:name``, imported on first use.
 
     Attributes:
         name: Name of the app, of its folder, of its page in the documents, and of its extra.
@@ -58,7 +58,7 @@ class App:
         networks: Address schemes, each with the place of an ``ArmNetwork``.
         panels: Panels of the page, each heading with the place of a function that returns a `Panel`
             for the model of the arm and its measured positions (rad or m by joint).
-        parts: Objects that other apps' commands look up by name, such as ``calibrate --camera``.
+        parts: Objects that commands of other apps look up by name, with the place of each object.
     """
 
     name: str

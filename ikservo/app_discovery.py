@@ -25,7 +25,7 @@ _COMMAND_NAME = re.compile(r"[a-z][a-z0-9-]*( [a-z][a-z0-9-]*)?")
 
 @cache
 def built_in_apps() -> tuple[App, ...]:
-    """Return the core, then the apps of ``ikservo.apps`` by name; reads no entry points."""
+    """Return the core, then the apps in ``ikservo.apps`` by name, without reading entry points."""
     try:
         folder = import_module("ikservo.apps")
     except ModuleNotFoundError:  # all built-in apps were deleted
@@ -37,7 +37,7 @@ def built_in_apps() -> tuple[App, ...]:
 
 @cache
 def installed_apps() -> tuple[tuple[App, ...], tuple[str, ...]]:
-    """Return the apps of other distributions, and one sentence for each that cannot be used.
+    """Return the apps of other distributions, and a message for each app that cannot be used.
 
     An app that fails or prints while it is imported, or that uses a name of another app, is left
     out and does not affect the others.
@@ -90,7 +90,7 @@ def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
     """Return the part that an app offers to other apps' commands under a name.
 
     Raises:
-        InputError: No installed app offers it.
+        InputError: No installed app offers this part.
     """
     found = offered_part(name)
     if found is None:

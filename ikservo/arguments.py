@@ -26,7 +26,7 @@ def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, fl
     """Parse joint positions that are given by name or as an array of all joints (n,).
 
     Raises:
-        BadValueError: ``positions`` is neither.
+        BadValueError: ``positions`` is neither a mapping nor an array of all joints.
     """
     if isinstance(positions, np.ndarray | list | tuple):
         array = finite_vector(cast("ArrayLike", positions), len(names), "The goal of all joints")
@@ -93,7 +93,7 @@ def parse_joint_positions(positions: object) -> dict[str, float]:
     """Parse joint positions as plain numbers by name.
 
     Raises:
-        BadValueError: They are not a mapping of names to numbers.
+        BadValueError: ``positions`` is not a mapping of names to numbers.
     """
     if not isinstance(positions, Mapping):
         raise BadValueError("The goal", shown(positions), 'positions by joint: {"elbow": 0.5}')
@@ -122,7 +122,7 @@ def parse_number(what: str, value: object) -> float:
 
 
 def parse_period_s(rate_hz: object) -> float | None:
-    """Parse the time between two setpoints of a stream [s]; None for a stream without a rate.
+    """Convert a stream's rate to the time between two setpoints [s]; None if there is no rate.
 
     Raises:
         BadValueError: The rate [Hz] is not a number, or out of range.
@@ -148,7 +148,7 @@ def check_flag(what: str, value: object) -> bool:
 
 
 def parse_port(port: object) -> str | None:
-    """Parse the name of a port, or None if none is given.
+    """Parse the name of a port; return None if no port is given.
 
     Raises:
         BadValueError: The value is neither a name nor a path.

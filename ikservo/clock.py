@@ -36,7 +36,7 @@ class RealClock:
 class Rate:
     """Loop at a fixed rate, which yields at multiples of ``period_s`` since the first cycle.
 
-    A late cycle does not shift the later ones; missed cycles are skipped, not repeated in a burst.
+    A late cycle does not shift later cycles; missed cycles are skipped, not made up for in a burst.
 
     Attributes:
         cycles: Number of cycles so far.
@@ -47,7 +47,7 @@ class Rate:
         self.cycles = 0
 
     def __iter__(self) -> Iterator[float]:
-        """Yield, in each cycle, the time since the first one in seconds; never ends."""
+        """Yield the time since the first cycle, in seconds, once per cycle; never ends."""
         start_s = self._clock.now_s()
         index = 0
         while True:

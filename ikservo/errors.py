@@ -318,7 +318,7 @@ class CalibrationError(IkservoError):
 
 
 class PictureError(CalibrationError):
-    """A camera gives no picture, or a picture that cannot be used because the board is missing."""
+    """A camera delivers no picture, or a picture that is unusable because the board is missing."""
 
     exit_code = ExitCode.FAILED
 
@@ -385,9 +385,9 @@ class OrientationError(UnreachableError):
 
     Attributes:
         asked: The requested orientation, as text.
-        instead: The closest possible one, as text.
-        left_rad: The angle between the two.
-        freedom: The joint that the arm would need, as text; empty if none is missing.
+        instead: The closest possible orientation, as text.
+        left_rad: The angle between the requested and the closest possible orientation.
+        freedom: The joint that the arm would need in addition, as text; empty if none is missing.
     """
 
     def __init__(
@@ -451,7 +451,7 @@ class BlockedError(RefusedError):
 
 
 class CollisionError(BlockedError):
-    """A collision lies on the path to a goal; nothing was sent.
+    """The path to a goal would lead to a collision; nothing was sent.
 
     Attributes:
         pair: The colliding link, and the other link or the thing that it touches, by name.

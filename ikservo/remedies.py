@@ -81,7 +81,7 @@ def install_command(extra: str = "") -> str:
     """Return the command that reinstalls this copy of ikservo with one more extra.
 
     The command names the source of this copy, because ``pip install ikservo`` cannot find an
-    unpublished one, and it uses the installer that made the environment.
+    unpublished copy, and it uses the installer that made the environment.
     """
     receipt = Path(sys.prefix) / "uv-receipt.toml"
     extras = {extra} - {""}
@@ -101,7 +101,7 @@ def install_command(extra: str = "") -> str:
 
 
 def install_hint(message: str) -> str:
-    """Return how to install the extra that a simulator's message names; empty if there is none."""
+    """Return advice on installing the extra that a simulator's message names; empty if none."""
     needed = _NEEDED_EXTRA.search(message)
     return f"Install it: {install_command(needed[1])}" if needed else ""
 

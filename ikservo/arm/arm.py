@@ -43,24 +43,24 @@ class Arm(MotionMethods):
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
-    run in the background, after earlier ones, and return a ``RunningMotion``, whose ``wait``
+    run in the background, after earlier motions, and return a ``RunningMotion``, whose ``wait``
     returns the result or raises the error. Closing the arm cancels them. ``plan``, ``execute`` and
     ``start`` take a motion as a value; ``ikservo.planning.motions`` explains all motions and
     options. Apps add methods such as ``record`` and ``replay``, and the attribute ``camera``.
 
     Args:
-        context: The parts of the arm.
-        runner: Runs its motions.
+        context: The servos, model, calibration and checks of the arm.
+        runner: Runs the arm's motions.
         on_exit: The state after ``close``: ``hold`` or ``relax``.
 
     Attributes:
         model: The arm's model.
-        chain: The joints from base to tool, inside this arm's limits in whole ticks.
+        chain: The joints from base to tool; their limits are those of this arm, at whole ticks.
         zeros: The source of the joint zeros.
         poses: The poses in the arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
-        preflight: Plans and checks motions; for functions of this package.
-        background: Runs the motions that the program does not wait for; for functions of this
+        preflight: The planner and checker of motions; for functions of this package.
+        background: The runner of motions that the program does not wait for; for functions of this
             package.
 
     Raises:
@@ -115,7 +115,7 @@ class Arm(MotionMethods):
 
     @property
     def context(self) -> ArmContext:
-        """The parts of the arm; for functions of this package."""
+        """The servos, model, calibration and checks of the arm; for functions of this package."""
         return self._context
 
     @property
@@ -130,7 +130,7 @@ class Arm(MotionMethods):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """All joints, in the order of vectors (n,)."""
+        """Names of all joints, in the order of vectors (n,)."""
         return self._context.servos.names
 
     @property
@@ -139,15 +139,14 @@ class Arm(MotionMethods):
         return self._context.servos.clock
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
+        """Return the lower and upper limits (n,), rad or m, at whole ticks; read-only arrays."""
         return self._context.limits()
 
     def clearance_m(self, positions: Positions) -> float:
-        """Return the smallest distance of the body [m] to itself, the table and the boxes.
+        """Return the smallest distance [m] between parts of the arm, or to the table or a box.
 
-        ``positions`` are by joint, rad or m, with measured values for the other joints, or of all
-        joints (n,). The distance is infinite if the arm is not calibrated or has no collision
-        checks.
+        ``positions`` are given by joint, rad or m (other joints: as measured), or for all joints
+        (n,). The distance is infinite if the arm is not calibrated or has no collision checks.
         """
         return self.preflight.clearance_m(positions)
 
@@ -173,7 +172,7 @@ class Arm(MotionMethods):
         ``on_exit`` is ``hold`` or ``relax``; None uses the value given to ``open_arm``.
 
         Raises:
-            UnknownNameError: ``on_exit`` is neither of these; the arm stays open.
+            UnknownNameError: ``on_exit`` is neither ``hold`` nor ``relax``; the arm stays open.
             RefusedError: A callback of the arm's motion tried to relax and close the arm.
         """
         chosen = check_exit(on_exit or self._on_exit)
@@ -184,7 +183,7 @@ class Arm(MotionMethods):
     def listen(self) -> None:
         """Accept stop, state and relax commands from this user's other processes.
 
-        If one of them has already stopped this program, the arm is stopped.
+        If another process has already stopped this program, the arm is stopped.
         """
         listener = self._context.servos.bus.stop_listener
         if not isinstance(listener, StopListener) or not listener.is_served:
@@ -206,7 +205,7 @@ class Arm(MotionMethods):
         self._runner.enable()
 
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
-        """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
+        """Lower the arm slowly to its rest pose, then switch every servo's torque off.
 
         The rest pose is clamped to the limits. If the arm cannot be lowered, because something is
         in the way or a servo has a fault, torque is switched off at once; the result then has
@@ -251,7 +250,7 @@ class Arm(MotionMethods):
         self._runner.return_within_limits()
 
     def request_stop(self, reason: StopReason) -> None:
-        """Stop the arm like ``stop``, for any kind of reason."""
+        """Stop the arm like ``stop``, with a reason of any kind."""
         self._runner.request_stop(reason)
 
     @property
@@ -275,9 +274,9 @@ class Arm(MotionMethods):
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose.
 
-        The rest pose is clamped however far it is outside, because it must always be possible to
-        lower the arm. Other poses are clamped only if joints are on end stops, just outside a
-        limit. ``start`` holds the present joints (n,); measured if None.
+        The rest pose is clamped however far outside the limits it is, because it must always be
+        possible to lower the arm. Other poses are clamped only if joints are on end stops, just
+        outside a limit. ``start`` holds the present joints (n,); measured if None.
 
         Raises:
             UnknownNameError: There is no such pose.
@@ -318,8 +317,8 @@ class Arm(MotionMethods):
 
         Args:
             name: 1 to 64 of A-Z a-z 0-9 _ -; not a pose of the arm file.
-            until: Returns once the arm has been moved by hand; an arm that holds is relaxed first.
-                If None, the arm is not relaxed.
+            until: Called while the user moves the arm by hand; returns once this is done. An arm
+                that holds is relaxed first. If None, the arm is not relaxed.
             hold: Whether torque is switched on afterwards.
 
         Raises:

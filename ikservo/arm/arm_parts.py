@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class ArmParts(Protocol):
-    """The parts of an arm that functions for motions need; ``Arm`` provides them.
+    """The parts of an arm that motion functions need; ``Arm`` provides them.
 
     A function whose first parameter is an ``ArmParts`` can be a method of ``Arm``.
     """
@@ -51,7 +51,7 @@ class ImportedMethod:
     """A method whose module is imported at its first use, to keep the opening of an arm fast.
 
     Args:
-        place: ``package.module:name`` of a function that takes the object first.
+        place: ``package.module:name`` of a function whose first parameter is the object.
     """
 
     def __init__(self, place: str) -> None:

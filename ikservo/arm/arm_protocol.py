@@ -1,7 +1,7 @@
-"""Common interface of open arms, with servos on this machine or on another one.
+"""Common interface of open arms, whose servos are on this machine or on another one.
 
 ``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that accepts either of them
-uses this type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
+uses this type; code that needs the servos uses an ``Arm``, see ``require_own_port`` in
 ``ikservo.arm.opening``.
 """
 
@@ -67,7 +67,7 @@ class GoalStream(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints, in the order of arrays (n,)."""
+        """Names of the joints, in the order of arrays (n,)."""
         ...
 
     @property
@@ -77,7 +77,7 @@ class GoalStream(Protocol):
 
     @property
     def progress(self) -> MotionProgress | None:
-        """The last control cycle; None before the first, or if it runs on another machine."""
+        """The last control cycle; None before the first, or if the loop is on another machine."""
         ...
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
@@ -85,11 +85,11 @@ class GoalStream(Protocol):
 
 
 class OpenArm(MotionMethods, Protocol):
-    """An open arm, wherever its servos are. ``Arm`` explains each method.
+    """An open arm, with servos on this machine or another one. ``Arm`` explains each method.
 
     Attributes:
         model: The arm's model.
-        chain: The joints from base to tool, inside this arm's limits in whole ticks.
+        chain: The joints from base to tool; their limits are those of this arm, at whole ticks.
         zeros: The source of the joint zeros.
         poses: The poses in the arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
@@ -125,11 +125,11 @@ class OpenArm(MotionMethods, Protocol):
         ...
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
+        """Return the lower and upper limits (n,), rad or m, at whole ticks; read-only arrays."""
         ...
 
     def clearance_m(self, positions: Positions) -> float:
-        """Return the smallest distance of the body [m] to itself, the table and the boxes."""
+        """Return the smallest distance [m] between parts of the arm, or to the table or a box."""
         ...
 
     def where(self) -> ArmState:
@@ -143,7 +143,7 @@ class OpenArm(MotionMethods, Protocol):
     # torque and stops
 
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
-        """Lower the arm to its rest pose, slowly, then switch every servo's torque off."""
+        """Lower the arm slowly to its rest pose, then switch every servo's torque off."""
         ...
 
     def disable_torque(self) -> None:
@@ -207,9 +207,9 @@ class OpenArm(MotionMethods, Protocol):
     def leader_positions(
         self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
     ) -> AbstractContextManager[Iterator[dict[str, float] | None]]:
-        """Return, for a ``with`` block, the measured joint positions for a follower.
+        """Return a context manager that provides measured joint positions for a follower.
 
-        For functions of this package. An item is None if nothing newer is known.
+        For functions of this package. An item is None if there is no newer measurement.
         """
         ...
 

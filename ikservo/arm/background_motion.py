@@ -29,7 +29,7 @@ T = TypeVar("T")
 
 
 class Stoppable(Protocol):
-    """Methods of an arm that a background motion needs; ``MotionRunner`` has them."""
+    """Methods of an arm that a background motion needs; ``MotionRunner`` provides them."""
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold."""
@@ -55,9 +55,9 @@ class RunningMotion(Generic[T]):
     ``await`` the motion instead; cancelling the task then cancels the motion.
 
     Args:
-        work: Plans and executes the motion, and returns its result.
+        work: Function that plans and executes the motion, and returns its result.
         arm: The arm to move.
-        queue: Lock that one motion at a time holds.
+        queue: Lock that only one motion holds at a time.
     """
 
     def __init__(self, work: Callable[[], T], arm: Stoppable, queue: threading.RLock) -> None:
@@ -90,7 +90,7 @@ class RunningMotion(Generic[T]):
             timeout_s: Longest wait, by the computer's clock; None waits without limit.
 
         Raises:
-            NotSettledError: The motion has not ended by then, and continues; also a
+            NotSettledError: The motion has not ended by then, and continues. This error is also a
                 ``TimeoutError``.
             StoppedError: The motion was cancelled or stopped; the arm holds.
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
@@ -213,7 +213,7 @@ class Background:
 
     Args:
         arm: The arm.
-        stop_request: Ends the running motion when a signal arrives; knows which motions were
+        stop_request: Ends the running motion when a signal arrives; records which motions were
             requested before a stop.
     """
 
@@ -228,7 +228,7 @@ class Background:
 
     @contextmanager
     def turn(self) -> Generator[None]:
-        """Wait for earlier motions; the ``with`` block is a motion that is requested now.
+        """Wait for earlier motions; the ``with`` block then counts as a motion requested now.
 
         Raises:
             RefusedError: A stream of setpoints is open, or this process is a fork of the one that
@@ -240,10 +240,10 @@ class Background:
             yield
 
     def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
-        """Start a motion that is requested now, in a thread, after earlier ones.
+        """Start a motion in a thread, after earlier motions; it counts as requested now.
 
         Raises:
-            RefusedError: The errors of ``turn``.
+            RefusedError: See ``turn``.
         """
         self._check_no_stream()
         return self._start_thread(partial(work, *args, **kwargs), self._stop_request.count)
@@ -256,7 +256,7 @@ class Background:
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
         """Treat this thread's motions in the ``with`` block as one request, which a stop ends.
 
-        Only stops after the first ``stop_count`` stops end it; None: stops from now on.
+        Only stops after the first ``stop_count`` stops end it; None means only stops from now on.
         """
         return self._stop_request.requested(stop_count)
 
@@ -303,10 +303,10 @@ class Background:
 
 
 def check_not_forked(process_id: int) -> None:
-    """Raise an error in a fork of a process, where locks of its parent's threads stay taken.
+    """Raise an error in a forked process, where locks that the parent's threads held stay locked.
 
     Raises:
-        RefusedError: This process is a fork of that process.
+        RefusedError: This process is a fork of the process with this id.
     """
     if os.getpid() != process_id:
         raise RefusedError(

@@ -41,7 +41,7 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
     The socket has the name of the arm if another arm on the device already listens.
 
     Returns:
-        The server; None if no safe socket can be made. An arm also works without a server.
+        The server; None if no safe socket can be created. An arm also works without a server.
     """
     try:
         listening = open_socket(socket_path(device)) or open_socket(socket_path(device, arm))

@@ -26,9 +26,9 @@ from ikservo.settling.settling import settle_at
 # The first motion after torque comes on is slow until it is this close to its goal.
 _TOLERANCE_RAD = 0.05
 HAND_JERK_FACTOR = 8.0
-"""Factor for the jerk of a speed class while the arm follows a hand or pointer in short moves."""
+"""Factor on the jerk of a speed class while the arm follows short moves of a hand or pointer."""
 HAND_SLOW_S = 1.0
-"""Time for which such a motion stays slow after torque comes on: its goals are always near."""
+"""Time for which following a hand stays slow after torque comes on; its goals are always near."""
 
 OnRefused = Callable[[RefusedError, Vector], None]  # also takes the kept goal (n,)
 

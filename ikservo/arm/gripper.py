@@ -98,7 +98,7 @@ class GripperMotion:
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
 
     def _update_rest(self, at: float) -> bool:
-        """Check whether the joint is at rest and, if it presses on something, for long enough."""
+        """Check whether the joint is at rest; a joint that presses must be at rest for longer."""
         now_s = self._context.now_s()
         if self.blocked:
             self._pressing = self._pressing.add_reading(now_s, {0: at})

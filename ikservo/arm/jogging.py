@@ -28,10 +28,10 @@ JOG_DIRECTIONS = {
 """Directions in which the tip can be jogged, in the base frame."""
 
 KeepGoing = Callable[[], bool | None]
-"""Polled in every cycle: True continues, False ends the jog, None decides nothing."""
+"""Function called in every cycle: True continues, False ends the jog, None is no decision."""
 
 NO_LONGER_REQUESTED = "no longer requested"
-"""Reason for the end of a jog that its caller has ended."""
+"""Reason that is reported if the caller has ended the jog."""
 
 _MAX_DURATION_S = 60.0  # longest jog
 _MAX_M_S = 0.5  # largest speed of the tip
@@ -83,7 +83,7 @@ class _CartesianJog:
 
 
 class _JogController:
-    """Retargets the trajectory while the jog continues and its braking distance is free."""
+    """Retargets the trajectory while the jog continues and the braking distance is free."""
 
     def __init__(
         self, context: ArmContext, target: _JogTarget, keep_going: KeepGoing, braking_s: float
@@ -142,8 +142,8 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
     Args:
         arm: The arm.
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
-        speed: rad/s for a joint (m/s for a prismatic one) or m/s for the tip; negative to reverse.
-            None: the arm file's slow speed, or 0.05 m/s for the tip.
+        speed: rad/s for a joint (m/s if prismatic) or m/s for the tip; negative to reverse. None
+            means the arm file's slow speed, or 0.05 m/s for the tip.
         wanted: Called in every control cycle: True continues, False brakes and holds, None means no
             decision; after 0.3 s without a decision, the arm also brakes and holds.
 

@@ -73,7 +73,7 @@ def published_positions(
     cycle_time_s: float,
     until: Callable[[], bool] | None,
 ) -> Iterator[dict[str, float] | None]:
-    """Yield the shared joints of ``newest`` in each cycle of real time; None if it returns None."""
+    """Yield the shared joints that ``newest`` returns in each cycle of real time, or None."""
     for _ in Rate(RealClock(), cycle_time_s):
         if until and until():
             return

@@ -18,7 +18,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 def with_options(
     kind: type[MotionValue[Any]], options: object, *, takes_point: bool = False
 ) -> Callable[[F], F]:
-    """Return a decorator that lets ``help`` list the options of a method with their defaults.
+    """Return a decorator that makes ``help`` list the options of a method with their defaults.
 
     With ``takes_point``, the method accepts a point (3,) also as three numbers.
     """

@@ -186,7 +186,7 @@ class MotionMethods(Protocol):
         """Switch torque on without any motion."""
 
     def hold(self) -> None:
-        """Hold the present position: another name of ``enable``."""
+        """Hold the present position; another name for ``enable``."""
         self.enable()
 
     def stop(self, reason: str = "") -> None:
@@ -199,7 +199,7 @@ class MotionMethods(Protocol):
 
     @abstractmethod
     def request_stop(self, reason: StopReason) -> None:
-        """Stop the arm like ``stop``, for any kind of reason."""
+        """Stop the arm like ``stop``, with a reason of any kind."""
 
     @property
     @abstractmethod
@@ -215,7 +215,7 @@ class MotionMethods(Protocol):
     @property
     @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
-        """All joints, in the order of vectors (n,)."""
+        """Names of all joints, in the order of vectors (n,)."""
 
     @abstractmethod
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
@@ -261,7 +261,7 @@ class MotionMethods(Protocol):
     def start(
         self, motion: MotionValue[R], on_progress: OnProgress | None = None
     ) -> RunningMotion[R]:
-        """Start a motion in the background, after earlier ones.
+        """Start a motion in the background, after earlier motions.
 
         The motion counts as requested now: a later stop ends it, even before it has started.
         """
@@ -430,8 +430,8 @@ class MotionMethods(Protocol):
         ``ikservo.read_drawing`` reads strokes from SVG and CSV files.
 
         Raises:
-            UnreachableError: A point is out of reach; the first one is named. Nothing has moved.
-                Other errors: see ``move_to``.
+            UnreachableError: A point is out of reach; the error names the first such point. Nothing
+                has moved. Other errors: see ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
         motion = Draw(strokes_m, **_fields(Draw, options))
@@ -612,7 +612,7 @@ class MotionMethods(Protocol):
         return self.plan(MoveToRest())
 
     def plan_lowering(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, or the part of it that is free."""
+        """Plan the slow motion to the rest pose, or only the part that is free of obstacles."""
         return self.plan(Lower())
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # whatever an app offers

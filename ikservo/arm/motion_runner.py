@@ -63,7 +63,8 @@ class MotionRunner:
         watches_scene: Whether the scene may change, because the motion checks its path again.
         caches_states: Whether joint states are read before each motion for ``last_state``, even if
             the motion runs in the main thread.
-        on_overheat: Called to switch torque off if a motion failed and a servo is too hot to hold.
+        on_overheat: Switches torque off if a motion failed and a servo is too hot to continue
+            holding.
     """
 
     def __init__(self, context: ArmContext) -> None:
@@ -394,8 +395,8 @@ class MotionRunner:
     def _after_motion(self, reason: StopReason, hint: str) -> Generator[None]:
         """End a running motion without braking, then hold the lock.
 
-        The callback of that motion may call this function while it already holds the lock. If the
-        motion does not end, the wait is at most one second.
+        A callback of that motion, which already holds the lock, may also call this function. If the
+        motion does not end, the wait takes at most one second.
         """
         servos = self._servos
         if servos.torque.is_moving:
@@ -440,7 +441,7 @@ class MotionRunner:
             raise
 
     def _lower_overheated(self, reason: StopReason) -> None:
-        """Lower the arm and switch torque off if a servo is too hot to hold any longer."""
+        """Lower the arm and switch torque off if a servo is too hot to continue holding."""
         servos = self._servos
         if not servos.overheated or servos.torque.state is TorqueState.LOWERING:
             return

@@ -64,7 +64,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
 
     Raises:
         InputError: The model names no servos.
-        PortError: There is no such port, there is none to choose from, or it cannot be opened.
+        PortError: The port does not exist or cannot be opened, or there is no port to choose from.
     """
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
@@ -87,7 +87,7 @@ def disable_torque_unchecked(model: Model, port: str | None) -> None:
 
     Raises:
         PortError: The port cannot be opened.
-        BusError: A servo does not reply; the others are off.
+        BusError: A servo does not reply; the torque of all others is off.
     """
     with open_bus(model, port) as bus:
         for error in torque_off(bus, bus.servos).values():
@@ -108,7 +108,7 @@ def resolve_port(model: Model, port: str | None) -> str:
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
-    """List every servo of an arm; a joint's first servo stands before its other servos.
+    """List every servo of an arm; a joint's first servo precedes its other servos.
 
     Raises:
         InputError: The model names no servos.
@@ -310,9 +310,9 @@ def _make_compensator(
     driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
-    """Make the goal compensator; if zeros are known, it knows the masses of the links.
+    """Make the goal compensator, with the masses of the links if the joint zeros are known.
 
-    The masses are the identified ones, or else those of the arm file.
+    The masses were identified for this arm, or else come from the arm file.
 
     Raises:
         FileFormatError: The arm's identification is malformed.

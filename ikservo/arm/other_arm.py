@@ -25,12 +25,12 @@ class OtherArm:
 
     Attributes:
         name: The name, for messages.
-        context: The parts of the arm.
+        context: The servos, model, calibration and checks of the other arm.
         runner: The runner of the other arm's motions.
-        T_base_other: The base frame (4, 4) of the other arm in that of this arm.
+        T_base_other: The pose (4, 4) of the other arm's base frame in this arm's base frame.
         turn: Lock that lets only one of the two arms move at a time.
-        left: The result of ``things`` when the other arm was closed; None while it is open, or if
-            nothing could be measured.
+        left: The result of ``things`` at the time when the other arm was closed; None while that
+            arm is open, or if nothing could be measured.
     """
 
     name: str
@@ -46,7 +46,7 @@ class OtherArm:
             self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
-        """Measure the links and held things of the arm; return capsules in the base frame.
+        """Measure the other arm's links and held things; return capsules in this arm's base frame.
 
         A closed arm is assumed to stay where it was when it was closed.
 
@@ -59,7 +59,7 @@ class OtherArm:
 
     @property
     def placed(self) -> PlacedArm:
-        """The placement of the arm, with the keys of a scene file."""
+        """The placement of the other arm, by the keys of a scene file."""
         (x, y, z), R = self.T_base_other[:3, 3].tolist(), self.T_base_other[:3, :3]
         path, port = self.context.model.path, self.context.port.name
         arm = catalogue_name(path) or str(path.absolute())

@@ -86,9 +86,9 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
-    """Request an arm's state from the program that has its port open; None without a program.
+    """Request an arm's state from the program that has its port open; None if there is no program.
 
-    An arm on another machine is opened there without taking control of it.
+    An arm on another machine is opened over the network without taking control of it.
 
     Raises:
         IkservoError: That program cannot report the state.
@@ -102,7 +102,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
-    """Let the program that has an arm's port open relax the arm; None without a program.
+    """Let the program that has an arm's port open relax the arm; None if there is no program.
 
     Raises:
         IkservoError: That program cannot relax the arm.
@@ -132,7 +132,7 @@ def halt_line(model: Model, port: str | None) -> StopOutcome:
 
 
 def _nominal_limits(model: Model) -> list[DrivenJoint]:
-    """Return the servo limits from only the arm file, at a speed of 1 rad/s or m/s."""
+    """Return servo limits from the arm file alone, with a top speed of 1 rad/s or 1 m/s."""
     lags = load_lags(model, model.chain, model.payload_kg)
     return [
         DrivenJoint(

@@ -33,5 +33,5 @@ class OwnMotion(MotionValue[R]):
         """Compute the joints (n,), rad or m, after the motion from ``start`` (n,); nothing moves.
 
         Raises:
-            IkservoError: The motion cannot be executed from there.
+            IkservoError: The motion cannot be executed from ``start``.
         """

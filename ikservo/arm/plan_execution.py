@@ -54,7 +54,7 @@ class ExecutedMotion:
     """A plan that was executed.
 
     Attributes:
-        plan: The plan; replanned if a limp arm has sunk since.
+        plan: The plan; a new one if a limp arm has sunk since the first was made.
         settled: The joints at the end of the motion.
         path_error: The distance of the tip from its path; None if there was no path.
         swung: The joints that swung during the motion, with their amplitudes.
@@ -216,9 +216,9 @@ class _PathWatch:
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Compute goals (n,) that are below the final ones for joints with known backlash.
+    """Compute goals (n,) that are below the final goals, for joints with known backlash.
 
-    The result is None for a line, which the tool must not leave, and if something is in the way.
+    The result is None for a line, which the tool must not leave, or if something is in the way.
     """
     goals, driven_joints = context.servos.goals(), context.servos.driven_joints
     backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])

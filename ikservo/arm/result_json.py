@@ -102,7 +102,7 @@ def _is_array(hint: object) -> bool:
 
 
 def encode_fields(value: Any, left_out: Iterable[str] = ()) -> dict[str, JsonValue]:  # noqa: ANN401
-    """Encode a dataclass as JSON values by field, without the fields to leave out."""
+    """Encode a dataclass as JSON values by field; omit the fields in ``left_out``."""
     schema = _schema_of(type(value), frozenset(left_out))  # pyright: ignore[reportUnknownArgumentType]
     given = {name: getattr(value, name) for name in schema.model_fields}
     return schema.model_construct(**given).model_dump(mode="json")
@@ -111,7 +111,7 @@ def encode_fields(value: Any, left_out: Iterable[str] = ()) -> dict[str, JsonVal
 def decode_fields(kind: type[T], fields: object, left_out: Mapping[str, object] | None = None) -> T:
     """Decode a dataclass from the result of ``encode_fields``.
 
-    ``left_out`` has the values of fields that were left out.
+    ``left_out`` contains the values of fields that were omitted.
 
     Raises:
         IkservoError: A field is missing, unknown, or of another type.

@@ -19,7 +19,7 @@ _LONGEST_SLEEP_S = 0.05  # a wait notices a stop within this time
 
 
 def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | None) -> R:
-    """Execute a motion from where the arm holds; return its result. See ``Arm.execute``."""
+    """Execute a motion from the held position, and return its result; see ``Arm.execute``."""
     match cast("MotionValue[Any]", motion):
         case MoveGripper() as gripper:
             from ikservo.arm.gripper import run_gripper  # noqa: PLC0415
@@ -42,7 +42,7 @@ def end_of_motion(
     """Compute the joints (n,) after a motion from ``start`` (n,), rad or m; nothing moves.
 
     Raises:
-        IkservoError: The motion cannot be executed from there.
+        IkservoError: The motion cannot be executed from ``start``.
     """
     match motion:
         case Wait():

@@ -59,7 +59,7 @@ class Scene:
 
     Args:
         context: The arm.
-        runner: Runs its motions.
+        runner: Runs the arm's motions.
     """
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
@@ -110,7 +110,7 @@ class Scene:
         Args:
             kind: box, cylinder, sphere or half_space.
             name: Name for messages; unique among things and links.
-            sizes: The other keys of the thing.
+            sizes: The values of the thing's other keys.
 
         Raises:
             UnknownNameError: There is no such kind.
@@ -186,7 +186,7 @@ class Scene:
         """Copy the things and other arms from an earlier scene of the same arm.
 
         Raises:
-            RefusedError: A motion is running, or that arm was opened without collision checks.
+            RefusedError: A motion is running, or an arm was opened without collision checks.
         """
         with self._changing(), _others_lock:
             if before._things != self._things or before._held or before._others:
@@ -216,24 +216,24 @@ class Scene:
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
-        From then on, only one of the two moves at a time and avoids the other. The other arm is
-        assumed to stay where it was at the beginning of the motion, or when it was closed, even if
-        a person moves it by hand.
+        From then on, only one of the two arms moves at a time, and it avoids the other arm. The
+        other arm is assumed to stay where it was at the beginning of the motion, or when it was
+        closed, even if a person moves it by hand.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 
         Args:
             other: The other arm, open and calibrated.
             name: Name for messages; unique among things and links.
-            at_m: The origin (3,) of the other arm's base frame in that of this arm.
-            rpy_deg: Roll, pitch and yaw (3,) of the other arm's base frame in that of this arm.
+            at_m: The origin (3,) of the other arm's base frame in this arm's base frame.
+            rpy_deg: Roll, pitch and yaw (3,) of that frame, also in this arm's base frame.
             own_name: Name of this arm in the other scene; None uses the name of its model.
 
         Raises:
-            BadValueError: The name is taken, the place is not valid or is that of this arm, or
+            BadValueError: The name is taken, the place is not valid or equals this arm's place, or
                 ``other`` is not another arm.
-            RefusedError: A motion of one of them is running, a position is unknown, or paths of one
-                of them are not checked.
+            RefusedError: One of the arms is moving, its position is unknown, or its paths are not
+                checked for collisions.
         """
         scene = getattr(other, "scene", None)
         if not isinstance(scene, Scene) or scene is self or scene in self._others:
@@ -289,7 +289,7 @@ class Scene:
             self._change(things, held)
 
     def attach(self, name: str) -> None:
-        """Let the gripper hold a thing at its present place; it then moves with the tip.
+        """Treat a thing as held by the gripper at its present place: the thing moves with the tip.
 
         The thing is checked as a part of the arm until it is released; opening the gripper releases
         it, too. Its weight counts as the payload in the arm file, for which sag is compensated.
@@ -344,7 +344,7 @@ class Scene:
 
     @contextmanager
     def _changing_both(self, other: Scene) -> Generator[None]:
-        """Keep both arms and scenes unchanged in the ``with`` block; the lock order is fixed."""
+        """Keep both arms and scenes unchanged in the ``with`` block; lock in a fixed order."""
         first, second = sorted((self, other), key=id)
         with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
@@ -405,7 +405,7 @@ class Scene:
 
 
 def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
-    """Return the base frame (4, 4) of another arm.
+    """Return the pose (4, 4) of another arm's base frame.
 
     Raises:
         BadValueError: The place is too far away, not valid, or the place of this arm.

@@ -39,10 +39,10 @@ class ArmDescription:
         arm: The arm's name.
         port: The port of the arm.
         zeros: The name of the ``ZeroSource`` of the joints.
-        joints: All joints, in the order of vectors (n,).
+        joints: Names of all joints, in the order of vectors (n,).
         lower: Lower limits (n,), rad or m.
         upper: Upper limits (n,), rad or m.
-        chain: The joints from base to tip.
+        chain: Names of the joints from base to tip.
         chain_lower: Lower limits of the chain (dof,).
         chain_upper: Upper limits of the chain (dof,).
         origins: The calibrated origin of each joint of the chain, T_parent_joint row by row (16,).
@@ -65,7 +65,7 @@ class ArmDescription:
 
 
 class ServableArm(OpenArm, Protocol):
-    """An arm on a port of this process; ``Arm`` is one."""
+    """An arm on a port of this process, such as an ``Arm``."""
 
     @property
     def runner(self) -> MotionRunner:
@@ -106,9 +106,9 @@ class ArmService:
     def stop(
         self, reason: StopReason, at_rest: StopReason | None = None, lease: str = ""
     ) -> StopResult:
-        """Stop the arm, whoever moves it, and return the state of each joint once it rests.
+        """Stop the arm, whoever moves it, and return the state of each joint once the arm rests.
 
-        An operator's stop of its own motion returns at once, because the motion reports its end.
+        If an operator stops its own motion, this returns at once: the motion reports its end.
 
         ``at_rest`` is the reason if no motion is running; None uses ``reason``.
 
@@ -155,7 +155,7 @@ class ArmService:
         return report
 
     def describe(self) -> ArmDescription:
-        """Describe the arm to a program that knows its model."""
+        """Describe the arm to a program that already has the model."""
         arm = self.arm
         lower, upper = arm.limits()
         return ArmDescription(
@@ -204,7 +204,7 @@ class ArmService:
         return self.lose(holder, f"{holder.operator} released control; the arm holds its position.")
 
     def lose(self, holder: Holder, text: str) -> bool:
-        """Withdraw a lease and stop the motion under it; return whether it was in force."""
+        """Withdraw a lease and stop its holder's motion; return whether the lease was in force."""
         if not self.lease.release(holder.lease):
             return False
         if self.lease.moving == holder:
@@ -218,9 +218,9 @@ class ArmService:
         self._on_lost()
 
     def watch_operator(self, closing: threading.Event) -> None:
-        """Withdraw the lease of an operator who falls silent, until closing.
+        """Withdraw the lease of any operator who falls silent, until ``closing`` is set.
 
-        The limit is the dead-man time-out during a motion, otherwise 3 s.
+        The time limit is the dead-man time-out during a motion, otherwise 3 s.
         """
         while not closing.is_set():
             limit_s = self.lease.timeout_s if self.lease.moving is not None else IDLE_TIMEOUT_S
@@ -233,7 +233,7 @@ class ArmService:
             closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
 
     def close(self, text: str) -> None:
-        """Refuse control from now on, and stop an operator's motion because of ``text``."""
+        """Refuse control from now on, and stop an operator's motion with ``text`` as the reason."""
         self.lease.close()
         self.end_motion(text)
 

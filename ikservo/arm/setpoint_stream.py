@@ -28,8 +28,8 @@ _POLL_PERIOD_S = 0.1  # time in which a waiting sender notices the loop's end
 class SetpointMailbox:
     """Passes the newest setpoint from the program to the control loop.
 
-    Simulated time could run far ahead of the program. The mailbox therefore pauses it until the
-    next setpoint of a sender with a fixed rate; for other senders, it follows real time.
+    Simulated time could run far ahead of the program. Therefore, it pauses until the next setpoint
+    of a sender with a fixed rate; for other senders, it follows real time.
 
     Args:
         clock: The clock of the arm.
@@ -49,7 +49,7 @@ class SetpointMailbox:
         self._taken_count = 0
 
     def put(self, setpoint: CartesianOrJointTarget) -> None:
-        """Replace the setpoint; return when the next one is due (without a fixed rate: at once)."""
+        """Replace the setpoint; return when the next is due, or at once without a fixed rate."""
         with self._changed:
             self._setpoint, self._late = setpoint, False
             self.put_count += 1
@@ -190,17 +190,17 @@ class SetpointStream:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints, in the order of arrays (n,)."""
+        """Names of the joints, in the order of arrays (n,)."""
         return self._context.servos.names
 
     @property
     def progress(self) -> MotionProgress | None:
-        """The last control cycle with measured joints, setpoints and tip; None before the first."""
+        """The last control cycle: measured joints, setpoints and tip; None before the first."""
         return self._progress
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings since the first setpoint: heat, a servo that will soon protect itself."""
+        """Warnings since the first setpoint: a servo is hot, or is about to protect itself."""
         return tuple(self._context.servos.warnings)
 
     @property

@@ -54,7 +54,7 @@ class StopListener:
         return self._server is not None
 
     def hand_over(self, handler: RequestHandler) -> str:
-        """Let an arm handle all further requests; return why the program was stopped before."""
+        """Let an arm handle all further requests; return the reason for an earlier stop, if any."""
         with self._turn:
             self._arm_handler = handler
             text, self._stop_text = self._stop_text, ""

@@ -71,7 +71,7 @@ def parse_target(target: CartesianOrJointTarget, names: Sequence[str]) -> Target
 
     Args:
         target: A ``Target``, a point (3,) [m], a pose (4, 4), or positions by joint [rad or m].
-        names: All joints.
+        names: Names of all joints.
 
     Raises:
         BadValueError: The target has none of these forms, or a number is not finite.
@@ -96,7 +96,7 @@ def parse_setpoint(
     Args:
         setpoint: Positions by joint, or of all joints (n,) [rad or m], a pose (4, 4) or a
             ``Target``.
-        names: All joints.
+        names: Names of all joints.
 
     Raises:
         BadValueError: The setpoint has none of these forms, or a number is not finite.

@@ -1,7 +1,7 @@
 """Calibration of an arm: tick conversion, limits with their sources, and stored results.
 
 This package contains the conversion of servo positions (`JointMap`, `Crank`, encoder wrap-around),
-joint `Limits`, LeRobot's files, and the storage in file and servos as one transaction.
+joint `Limits`, LeRobot's files, and the transaction that writes a calibration to file and servos.
 """
 
 from ikservo.calibration.joint_limits import Limit, Limits

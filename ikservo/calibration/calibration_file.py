@@ -132,7 +132,7 @@ _HEADER = """\
 
 
 def dump_calibration(calibration: Calibration) -> str:
-    """Format the content of the file."""
+    """Format a calibration as the text of its file."""
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
@@ -245,7 +245,7 @@ def replace_calibration(path: Path, text: str) -> None:
 
 
 def _keep_damaged(path: Path) -> bool:
-    """Copy a calibration to a file beside it if it is damaged; return whether it is."""
+    """If a calibration is damaged, copy its file to a second one; return whether it is damaged."""
     try:
         read_calibration(path)
     except FileFormatError:

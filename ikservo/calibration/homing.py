@@ -6,8 +6,8 @@ reports is
 
 - Feetech STS: ``present = (bare - offset) mod 4096`` with ``|offset| <= 2047``, so the offset
   moves the wrap-around outside the joint's travel;
-- Dynamixel in position mode: ``present = bare + offset`` with ``|offset| <= 1024`` in force,
-  which shifts the count but leaves the wrap-around at bare tick 0. Travel across the wrap-around
+- Dynamixel in position mode: ``present = bare + offset``. Only ``|offset| <= 1024`` takes effect;
+  it shifts the count but leaves the wrap-around at bare tick 0. Travel across the wrap-around
   requires the extended (multi-turn) mode; the revolution is then determined again whenever the
   arm is opened.
 """
@@ -44,7 +44,7 @@ class Homing:
 
     Attributes:
         offset: The value for the homing offset register.
-        extended: Whether the servo must count beyond one revolution.
+        extended: Whether the servo must count more than one revolution.
         shift: Unwrapped bare tick minus reported tick.
     """
 
@@ -69,9 +69,10 @@ def choose_homing(
     *,
     counts_on: bool = False,
 ) -> Homing:
-    """Choose the homing settings for a joint's travel; keep the present ones if they suffice.
+    """Choose the homing settings for a joint's travel; keep the present settings if possible.
 
-    The travel is in bare ticks, unwrapped. ``counts_on``: a Dynamixel is in a multi-turn mode.
+    The travel is in bare ticks, unwrapped. ``counts_on`` is True for a Dynamixel in multi-turn
+    mode.
 
     Raises:
         CalibrationError: The travel is a revolution or more, or crosses a wrap-around that cannot

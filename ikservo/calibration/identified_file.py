@@ -68,7 +68,7 @@ class IdentifiedArm(StrictModel):
 
 
 def dump_identified(arm: IdentifiedArm) -> str:
-    """Format the content of the file."""
+    """Format the identification of an arm as the text of its file."""
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = arm.model_dump(mode="python", exclude_none=True)

@@ -1,4 +1,4 @@
-"""Joint limits and their sources, and when a joint is near or at a limit."""
+"""Joint limits with their sources, and checks for joints near or at a limit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ikservo.calibration.joint_map import JointUnit, format_position
 from ikservo.errors import CalibrationError
 
 MIN_RANGE_TICKS = 50
-"""Smallest range of a calibrated joint, ticks; with less travel, the joint was not moved."""
+"""Smallest range of a calibrated joint, ticks; with less travel, it counts as not moved."""
 
 _NEAR = {"rad": math.radians(5.0), "m": 0.005}
 _AT = {"rad": math.radians(0.3), "m": 0.0003}
@@ -55,7 +55,7 @@ class Limits:
         return cls(joint, Limit(lower, source), Limit(upper, source), unit)
 
     def intersect(self, other: Limits) -> Limits:
-        """Return the range inside both limits; if values are equal, the first source is kept.
+        """Return the range inside both limits; of two equal ends, the first keeps its source.
 
         Raises:
             CalibrationError: The intersection is empty; the error names both limits.
@@ -68,7 +68,7 @@ class Limits:
         )
 
     def contains(self, value: float) -> bool:
-        """Check whether a joint position [rad or m] is inside."""
+        """Check whether a joint position [rad or m] is inside the limits."""
         return self.lower.value <= value <= self.upper.value
 
     @property

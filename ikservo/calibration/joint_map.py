@@ -72,7 +72,7 @@ def format_position(position: float, unit: JointUnit, digits: int = 1) -> str:
 
 
 def format_source(source: str) -> str:
-    """Format the source of a limit for a sentence: ``user`` becomes ``set by you``."""
+    """Format the source of a limit for use in a sentence: ``user`` becomes ``set by you``."""
     return " / ".join("set by you" if part == "user" else part for part in source.split(" / "))
 
 
@@ -88,8 +88,8 @@ class JointMap:
         servo_id: Id of the servo on the bus.
         sign: +1 if the joint position increases with the ticks, otherwise -1.
         zero_tick: The tick at position zero; may be fractional.
-        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; the maximum with a
-            crank.
+        unit_per_tick: Radians (metres for a prismatic joint) per tick, positive; with a crank, the
+            maximum.
         unit: The unit of positions.
         crank: The crank between the horn and the joint, if any.
         horn_rad_per_tick: Rotation of the horn per tick.
@@ -153,7 +153,7 @@ class JointMap:
 
     @property
     def unit_per_horn_rad(self) -> float:
-        """Travel [rad or m] per radian of the horn; the maximum with a crank."""
+        """Travel [rad or m] per radian of the horn; with a crank, the maximum."""
         return self.unit_per_tick / self.horn_rad_per_tick
 
     @property
@@ -202,7 +202,7 @@ class JointMap:
         """Compute the lowest and highest ticks whose positions are in [lower, upper].
 
         Raises:
-            BadValueError: There is no tick inside.
+            BadValueError: There is no tick in the range.
         """
         a, b = sorted((self.exact_tick(lower), self.exact_tick(upper)))
         # Rounding must not exclude a limit that is exactly a tick.
@@ -220,7 +220,7 @@ _POTENTIOMETER = 1024  # AX and SCS: 300° (200° on the SCS15)
 
 @dataclass(frozen=True, slots=True)
 class Encoder:
-    """A position sensor: its ticks, numbered from 0, and ticks per revolution of the horn."""
+    """A position sensor: the number of its ticks, and the ticks per revolution of the horn."""
 
     ticks: int
     ticks_per_turn: float

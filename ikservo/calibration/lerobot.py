@@ -85,7 +85,7 @@ def dump_lerobot(joints: Sequence[LerobotJoint]) -> str:
 
 
 def lerobot_joints(calibration: Calibration) -> tuple[LerobotJoint, ...]:
-    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists the omissions."""
+    """Return a calibration as LeRobot joints; ``lost_in_lerobot`` lists the data that are lost."""
     joints: list[LerobotJoint] = []
     for joint in calibration.joints:
         low, high = joint.travel_ticks if joint.swept != "not swept" else _FULL_TURN

@@ -32,7 +32,7 @@ def camera_path(arm: str, usb_serial_number: str, name: str = "") -> Path:
 
 
 def journal_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the journal of an interrupted write into an arm's servos."""
+    """Return the journal of an interrupted write to an arm's servos."""
     return config_dir() / "journal" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
@@ -47,7 +47,7 @@ def partial_path(arm: str, usb_serial_number: str) -> Path:
 
 
 def journals_of(arm: str) -> list[Path]:
-    """Return the journals of interrupted writes into an arm on any adapter, or into any arm."""
+    """Return the journals of interrupted writes to one arm on any adapter, or else to all arms."""
     folder = config_dir() / "journal"
     return _files_of(folder, arm) if arm else sorted(folder.glob("*.toml"))
 
@@ -78,5 +78,5 @@ def _file_stem(arm: str, usb_serial_number: str) -> str:
 
 
 def _safe_name_part(text: str) -> str:
-    """Convert a text to a part of a file name that cannot lead out of the folder."""
+    """Convert text to a part of a file name that cannot refer to another folder."""
     return _UNSAFE_CHARS.sub("_", text).strip("_")[:_MAX_NAME_CHARS]

@@ -85,7 +85,7 @@ class CalibratedJoint(StrictModel):
 
     @property
     def servos(self) -> tuple[CalibratedServo, ...]:
-        """The joint's first servo, then its shadows."""
+        """The joint's first servo, then its other servos."""
         return (self.servo, *self.shadows)
 
     def recorded_range(self) -> tuple[float, float] | None:
@@ -264,7 +264,7 @@ class PartialCalibration(StrictModel):
 
 
 def dump_partial(partial: PartialCalibration) -> str:
-    """Format the content of the file."""
+    """Format an incomplete calibration as the text of its file."""
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     return with_checksum(_HEADER + tomli_w.dumps(partial.model_dump(mode="python")))
@@ -290,7 +290,7 @@ def shift_zeros(
 ) -> tuple[CalibratedJoint, ...]:
     """Return joints with positions increased by ``zeros`` (dof,), except joints without a map.
 
-    End stops stay where they are, and so do the user's limits, which are positions in the geometry.
+    The ticks of end stops do not change. The user's limits are positions and do not change, either.
     """
     shifts = {m.joint: (m, float(zero)) for m, zero in zip(maps, zeros, strict=True)}
     shifted = list(joints)

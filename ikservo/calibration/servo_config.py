@@ -114,8 +114,8 @@ def expected_registers(
     """Compute the expected registers of a servo.
 
     Values of ``config`` are kept if possible. If no limits are given, the present limits are kept
-    if they still correspond to the same positions, and opened otherwise. An ``extended`` servo must
-    count several turns.
+    if they still correspond to the same positions, and set to the full range otherwise. An
+    ``extended`` servo must count several turns.
     """
     held = dict(config.registers)
     if config.table.family is Family.FEETECH_STS:
@@ -141,7 +141,7 @@ def expected_registers(
 class RegisterMismatch:
     """A register that differs from its value when the arm was calibrated.
 
-    The name ``model`` stands for the servo itself.
+    If the register is ``model``, the servo itself is of another model.
     """
 
     joint: str

@@ -51,7 +51,7 @@ class Journal(StrictModel):
         old_text: The old content of the file; empty if there was none.
         new_text: The new content of the file.
         changes: The changes by servo, in the order of writing.
-        temporary: Whether the new numbers only serve a search for end stops, and are then undone.
+        temporary: Whether the new numbers are only for a search for end stops, and then undone.
     """
 
     format: Literal[1] = Field(description="1")
@@ -63,7 +63,7 @@ class Journal(StrictModel):
 
 
 def dump_journal(journal: Journal) -> str:
-    """Format the content of the file."""
+    """Format a transaction as the text of its journal."""
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = journal.model_dump(mode="python", exclude_defaults=True)
@@ -125,7 +125,7 @@ def commit(
 
     If this transaction fails, the changes of an earlier temporary transaction are undone, too.
 
-    An empty text means no file. A ``temporary`` transaction only serves a search for end stops: the
+    An empty text means no file. A ``temporary`` transaction is only for a search for end stops: the
     text is ignored, and the journal stays until ``roll_back`` or the next ``commit``.
 
     Raises:

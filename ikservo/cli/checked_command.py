@@ -27,7 +27,7 @@ def names_arm(word: str) -> bool:
 
 
 class CheckedCommand(TyperCommand):
-    """Accepts the arm as ``--arm`` or as a bare name, and only finite numbers of moderate size."""
+    """Command that accepts a bare arm name for ``--arm``, and refuses infinite or huge numbers."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments and check their numbers."""

@@ -40,7 +40,7 @@ _FILL, _EDGE, _ARM, _POINT = "#cfe8e4", "#2a7f74", "#3c4043", "#c0392b"
 
 
 def check_plot_file(file: Path) -> None:
-    """Check the file and matplotlib before any work is done.
+    """Check that the file and matplotlib can be used, before any work is done.
 
     Raises:
         InputError: The file is neither .svg nor .png, or its folder does not exist.
@@ -112,7 +112,7 @@ def square_axes(axes: Axes, points: Matrix, side_m: float) -> None:
 
 
 def label_length_axes(axes: Axes, across: str, up: str) -> None:
-    """Label both axes with metres and draw them to the same scale."""
+    """Label both axes in metres, and draw them to the same scale."""
     axes.set_aspect("equal")
     axes.set_xlabel(f"{across} [m]")
     axes.set_ylabel(f"{up} [m]")

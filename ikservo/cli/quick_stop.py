@@ -52,7 +52,7 @@ def quick_stop(args: Sequence[str]) -> int | None:
 
 
 def _stop_one(arm: str, port: str) -> StopAllResult:
-    """Stop an arm by its name or port; the result is empty if only the complete command can."""
+    """Stop an arm by its name or port; the result is empty if that needs the complete command."""
     remote = offered_part("stop")
     if remote is not None and port.startswith(f"{remote.scheme}:"):
         return StopAllResult((remote.stop_address(port),))
@@ -82,9 +82,9 @@ def _name_of(arm: str) -> str:
 
 
 def stop_every_arm() -> StopAllResult:
-    """Stop every arm whose port a program of this user has open, and those on other machines.
+    """Stop every arm whose port a program of this user has open, and arms on other machines.
 
-    The latter are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
+    Those are the arm at the address in ``IKSERVO_PORT`` and the arms on listed machines.
 
     Raises:
         InputError: No program has an arm open, and no arm is served on this machine.

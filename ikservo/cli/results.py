@@ -60,7 +60,7 @@ def print_fields(
 ) -> None:
     """Print a result: one JSON object, or a line for each field with a label.
 
-    ``order`` are the keys of the lines; if it is empty, all fields with a label, in their order.
+    ``order`` lists the keys of the lines; if it is empty, every field with a label gets a line.
     """
     if json:
         print_json(schema, **json_values(result, fields))
@@ -85,8 +85,8 @@ def print_records(
 ) -> None:
     """Print results of one kind: one JSON object with a list of them, or a table.
 
-    ``order`` are the keys of the columns; if it is empty, all fields with a label, in their order.
-    ``more`` are additional fields of the JSON object.
+    ``order`` lists the keys of the columns; if it is empty, every field with a label gets a column.
+    ``more`` contains additional fields of the JSON object.
     """
     if json:
         print_json(schema, **more, **{key: [json_values(each, fields) for each in records]})

@@ -1,4 +1,4 @@
-"""Print the results of ``ikservo solve``: solutions, a comparison, or the reason for none."""
+"""Print the results of ``ikservo solve``: solutions, a comparison, or why there is none."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class AnalyticSolutions:
     Attributes:
         structure: The recognised kinematic structure.
         results: One solution per branch, nearest to the start first.
-        freedom: Possible directions of the last link, by branch, if they are not determined.
+        freedom: Possible directions of the last link, by branch, if the target leaves them free.
     """
 
     structure: str
@@ -223,7 +223,7 @@ _RUNS, _ENOUGH_S = 5, 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodResult:
-    """The result of one method with its trace, and its best time without one, after warm-up."""
+    """The result of one method with a trace, and its best time without a trace, after warm-up."""
 
     method: str
     result: Result
@@ -258,7 +258,7 @@ def trace_errors(chain: Chain, target: Target, result: Result) -> list[tuple[flo
 def print_comparison(
     model: Model, entries: Sequence[MethodResult], target: Target, *, json: bool
 ) -> None:
-    """Print one row per method with reached, iterations, time and error."""
+    """Print one row per method: whether it reached the target, iterations, time and error."""
     fields = _comparison_fields(model, with_angle=not target.only_position)
     print_records("compare", "methods", entries, fields, json=json,
                   target_m=target.position, limit_from=limit_sources(model))  # fmt: skip

@@ -60,8 +60,8 @@ def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> 
 def fold(line: str, width: int, indent: int = 0) -> list[str]:
     """Fold one line into lines of at most ``width`` columns.
 
-    Spaces at the start are kept; ``indent`` is that of all lines but the first. A word that is
-    longer than a line, such as a path, gets a line of its own and is not split.
+    Spaces at the start are kept; ``indent`` is the indentation of all lines but the first. A word
+    that is longer than a line, such as a path, gets a line of its own and is not split.
     """
     if len(line) <= width:
         return [line]

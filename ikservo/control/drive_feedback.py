@@ -51,7 +51,7 @@ class DriveReader:
         return found
 
     def read(self) -> Matrix | None:
-        """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
+        """Return duty, current [A], supply [V] and position of the servos (joints, servos, 4).
 
         Duty and current are positive towards larger positions; a current without a measured
         direction is a magnitude. Values that are not measured are NaN, like the unused rows of

@@ -1,7 +1,7 @@
 """Feed-forward: the lead that goals need so that joints follow a moving reference.
 
-A position servo is like a spring to its goal: it gives torque only while its joint lags. The torque
-that a motion needs is known from masses and motors, so goals lead the reference by the lag::
+A position servo is like a spring to its goal: it produces torque only while its joint lags. The
+torque that a motion needs is known from masses and motors, so goals lead the reference by the lag::
 
     L = tau(q, qd, qdd) + d                    gravity and inertia of the links, unmodelled load d
     M = L + J qdd + f                          motor torque, with rotor inertia J and friction f
@@ -123,7 +123,7 @@ class FeedForward:
                 joint moves, 0 at rest.
             held_s: Time for which a goal is held until the next one; twice the mean age of goals.
             unmodelled: Additional load of the joints (..., n), given as the lag, rad or m, that it
-                would cause without friction; None: no load.
+                would cause without friction; None means no load.
 
         Returns:
             The offsets (..., n), with the leading dimensions of the unmodelled load.

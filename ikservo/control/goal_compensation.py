@@ -105,7 +105,7 @@ class GoalCompensator:
         cycle_time_s: float | None = None,
         measured: Vector | None = None,
     ) -> None:
-        """Begin a motion at a reference (n,) that the servos hold with the given goals (n,).
+        """Begin a motion at a reference (n,), while the servos hold at the given goals (n,).
 
         Each goal is held for ``cycle_time_s`` (None keeps the previous time). Without measured
         positions, the reference is used.
@@ -155,7 +155,7 @@ class GoalCompensator:
         return direction is None
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
-        """Compute the limits (n,) of offsets [rad or m] at which friction holds joints (n,)."""
+        """Compute the offsets (n,) [rad or m] between which friction holds joints (n,) at rest."""
         at_rest = TrajectoryPoint.at_rest(positions)
         low, high = (self._modelled(at_rest, side) for side in (-1.0, 1.0))
         return low, high
@@ -243,7 +243,7 @@ class GoalCompensator:
         )
 
     def _adapt_gains(self, positions: Vector) -> None:
-        """Adapt the gains of feedback to the inertia of a posture (n,)."""
+        """Adapt the feedback gains to the inertia of the arm in a posture (n,)."""
         self._adapted_s = 0.0
         if self.feed_forward is not None:
             rows = np.zeros((2, len(positions)))

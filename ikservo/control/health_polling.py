@@ -70,7 +70,7 @@ class HealthPoller:
 
     @property
     def is_overheated(self) -> bool:
-        """Whether a servo was too hot to hold."""
+        """Whether a servo was too hot to continue holding."""
         return self._health.release
 
     def poll_all(self) -> None:
@@ -235,7 +235,7 @@ def prepare_servos(
 ) -> float:
     """Set limits, arm watchdogs and read all telemetry; repeat this if it took too long.
 
-    A watchdog that trips in the meantime resets the limits. The poller is None before torque was
+    A watchdog that trips in the meantime resets the limits. The poller is None until torque is
     first switched on.
 
     Returns:

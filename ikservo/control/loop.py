@@ -219,7 +219,7 @@ class ControlLoop:
 
     @property
     def last_cycle(self) -> ControlCycle | None:
-        """The last cycle of the running motion, or of the previous one."""
+        """The last cycle of the running motion, or of the previous motion."""
         return self._last_cycle
 
     def request_stop(self, reason: StopReason) -> None:

@@ -1,4 +1,4 @@
-"""Press rotors to the driving flanks of their gears before a motion begins."""
+"""Press rotors against the driving flanks of their gears before a motion begins."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Preload:
         self._for_s = 0.0
 
     def update(self, measured: Vector, direction: Vector, elapsed_s: float) -> Vector | None:
-        """Advance one cycle; return the direction of friction (n,); None once all are preloaded.
+        """Advance one cycle; return the direction of friction (n,), None when preload is complete.
 
         Joints (n,) are in rad or m, directions (n,) of friction from -1 to 1.
         """

@@ -12,7 +12,8 @@ class ReversalCounter:
     """Counts reversals of errors in quick succession, which are frequent while a joint swings.
 
     Args:
-        least: Smallest reversal (n,) that counts, rad or m; smaller ones are noise and stiction.
+        least: Smallest reversal (n,) that counts, rad or m; smaller reversals are noise and
+            stiction.
         within_s: Longest time between two reversals; after a longer time, counting starts again.
 
     Attributes:
@@ -36,7 +37,7 @@ class ReversalCounter:
     def update(
         self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
     ) -> NDArray[np.bool_]:
-        """Process errors (n,), rad or m, of a cycle; return a mask of those that just reversed."""
+        """Process errors (n,), rad or m, of a cycle; return a mask of joints that just reversed."""
         self._since_s = self._since_s + elapsed_s
         beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
         has_reversed = fresh & (beyond < -self._least)

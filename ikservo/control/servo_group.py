@@ -170,7 +170,7 @@ class ServoGroup(StreamedServos):
 
     @property
     def overheated(self) -> bool:
-        """Whether a servo was too hot to hold in the last motion."""
+        """Whether a servo was too hot to continue holding in the last motion."""
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:
@@ -398,7 +398,7 @@ def wait_until_still(
 ) -> None:
     """Wait until a sinking limp arm is at rest, so that plans start from its final position.
 
-    If the arm falls, the wait ends at once, because torque must come on. It also ends after
+    If the arm falls, the wait ends at once, because torque must come on. The wait also ends after
     ``timeout_s``, because a hand may be moving the arm.
 
     Raises:

@@ -29,7 +29,7 @@ class StillnessDetector:
     readings: tuple[tuple[float, Mapping[int, float]], ...] = ()
 
     def add_reading(self, at_s: float, positions: Mapping[int, float]) -> StillnessDetector:
-        """Add a reading and drop outdated ones."""
+        """Add a reading and drop outdated readings."""
         start_s = at_s - self.window_s
         recent = [row for row in self.readings if row[0] > start_s]
         before = [row for row in self.readings if row[0] <= start_s][-1:]

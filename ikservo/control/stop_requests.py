@@ -28,9 +28,10 @@ RELAX_HINT = "Switch torque off with: ikservo relax"
 class StopRequest:
     """A request to stop the arm: its reason and the number of requests.
 
-    Signal handlers and threads may set it, because this takes few assignments. The control loop
-    checks it in every cycle. A stop also ends requests that have not moved the arm yet:
-    ``requested`` marks the code of a request, and ``check_request`` raises an error in it.
+    Signal handlers and threads may set the request, because setting it takes only a few
+    assignments. The control loop checks it in every cycle. A stop also ends requests that have not
+    moved the arm yet: ``requested`` marks the code of a request, and ``check_request`` raises an
+    error in it.
 
     Attributes:
         times: The number of stop requests since the last one was acknowledged.
@@ -117,7 +118,7 @@ class StopRequest:
         return self.count if marked is None else marked
 
     def is_request_over(self) -> bool:
-        """Check whether this thread's request was withdrawn, or the arm was stopped after it."""
+        """Check whether this thread's request was withdrawn, or the arm was stopped since."""
         if self._marked is None:
             return False
         count, withdrawn = self._marked
@@ -133,7 +134,7 @@ class StopRequest:
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
-        """Request the immediate end of the motion, without sending anything else."""
+        """Request the immediate end of the motion, without sending anything more to the servos."""
         self._without_braking, self._hint = True, hint
         self.set(reason)
 
@@ -165,7 +166,7 @@ class StopRequest:
             raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, hint or self._hint)
 
     def clear(self) -> None:
-        """Clear the request when the arm holds or may be moved again."""
+        """Clear the request, once the arm holds or may be moved again."""
         self._reason, self.times, self.signal = None, 0, 0
         self._without_braking, self._hint, self.acknowledged = False, RELAX_HINT, False
 
@@ -215,7 +216,7 @@ _DEFAULTS = (signal.SIG_DFL, signal.default_int_handler)
 
 
 def exit_exception(number: int, text: str) -> BaseException:
-    """Return the exception that ends the program after a signal; see decision 15.
+    """Return the exception that ends the program after a signal (decision 15).
 
     No ``except Exception`` or ``except IkservoError`` catches it, so that a program whose user
     pressed Ctrl-C does not go on to its next motion. The number of the signal is 0 if the program
@@ -292,8 +293,8 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
     """Convert Ctrl-C, SIGTERM and SIGHUP to a stop request within the block.
 
     If no control loop runs, the arm holds and ``KeyboardInterrupt`` is raised at once. The
-    program's own handlers are kept. Nothing changes in other threads than the main thread, which
-    receives all signals.
+    program's own handlers are kept. In threads other than the main thread, which receives all
+    signals, nothing changes.
     """
 
     def request_stop(number: int, _: FrameType | None) -> None:
@@ -339,7 +340,7 @@ class StopOutcome:
 
 
 def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> StopOutcome:
-    """Hold every joint that has torque at its position; do not switch torque."""
+    """Hold every joint that has torque at its position; no torque is switched on or off."""
     ids = {driven.servo_id: driven for driven in driven_joints}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
     on = [i for i in torque if bus.is_torque_on(i)]

@@ -63,8 +63,8 @@ class StreamedServos:
         clock: The clock of the bus.
 
     Attributes:
-        names: The joints, in the order of the vectors.
-        stop_request: The request that the running motion ends, if any.
+        names: Names of the joints, in the order of vectors (n,).
+        stop_request: The request to end the running motion, if there is one.
         torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
             watchdogs stopped them, because the program was delayed.
@@ -198,7 +198,7 @@ class StreamedServos:
 
     @property
     def goals_wire_s(self) -> float:
-        """The transmission time of goals for all servos, which have no replies."""
+        """The transmission time of goals for all servos, which do not reply to them."""
         header = 14
         each = 1 + next(iter(self._bus.servos.values())).table.goal_position.size
         return self._bus.port.wire_s(header + each * len(self._bus.servos))
@@ -257,7 +257,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The motion's top speed at the horns; None: the top speed of each joint.
+            speed_rad_s: The motion's top speed at the horns; None uses the top speed of each joint.
             profile_rad_s: The profile speed of the servos; None uses the speed of the motion.
 
         Raises:
@@ -304,7 +304,7 @@ class StreamedServos:
         """Read the joints (n,), rad or m, and the telemetry of one servo.
 
         Servos that their watchdogs stopped while the program was delayed are started again at their
-        positions, from which goals then start, too; ``restarts`` counts such restarts.
+        positions, and goals continue from there; ``restarts`` counts this.
 
         Raises:
             BusError: A servo that must be started again does not answer.
@@ -352,11 +352,11 @@ class StreamedServos:
         return measured
 
     def _check_following(self, measured: Vector) -> None:
-        """Check that the joints follow; a servo without torque or supply cannot.
+        """Check that the joints follow their goals; without torque or supply, they cannot.
 
         Raises:
             ServoAlarmError: Servos have lost their torque, or a servo reports a fault.
-            RefusedError: A joint does not follow its goal; the error tells if the arm is too heavy.
+            RefusedError: A joint does not follow its goal; the error says if the arm is too heavy.
         """
         try:
             goals = self.goals()
@@ -400,7 +400,7 @@ class StreamedServos:
 
         Args:
             positions: The goals.
-            now_s: The clock's time for which the goals were computed.
+            now_s: The time, by the clock, for which the goals were computed.
             reference: The reference of the joints (n,); None for the held positions.
 
         Returns:

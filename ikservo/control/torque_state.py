@@ -88,7 +88,7 @@ class TorqueStateMachine:
             )
 
     def enabling(self, *, was_on: bool) -> None:
-        """Record that torque is about to come on; until all servos have torque, it is unknown."""
+        """Record that torque is about to come on; it is unknown until all servos have torque."""
         self._first_motion_due = self._first_motion_due or not was_on
         self._at_rest = TorqueState.UNKNOWN
 
@@ -138,7 +138,7 @@ class TorqueStateMachine:
         self._at_rest, self._first_motion_due = TorqueState.UNKNOWN, True
 
     def releasing(self) -> None:
-        """Record that torque is about to go off; a servo without a reply has an unknown state."""
+        """Record that torque is about to go off; it is unknown if a servo does not reply."""
         self._at_rest = TorqueState.UNKNOWN
 
     def released(self) -> None:

@@ -116,10 +116,10 @@ class TrackingFeedback:
             error: Reference minus joint.
             left: Errors up to this size (n,), in either direction, are ignored.
             elapsed_s: Time since the last cycle.
-            fresh: Whether each joint (n,) was read; the errors of the others are unknown.
+            fresh: Whether each joint (n,) was read; the errors of other joints are unknown.
             grow: The rate at which the parts of each goal (n,) may move it further away, 0 to 1.
             slope: The displacement of goals (n,) per rad of the integral.
-            direction: The direction in which joints (n,) move, -1 to 1; 0 for those at rest.
+            direction: The direction in which joints (n,) move, -1 to 1; 0 for joints at rest.
         """
         self._age_s = self._age_s + elapsed_s
         turned = self._turns.update(error, elapsed_s, fresh=fresh)

@@ -72,7 +72,7 @@ _DYNAMIXEL_TIME_S = 2.0  # time until the servo protects itself
 
 
 def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
-    """Read a servo's overload protection, if any, at this share of the motor table's gain.
+    """Read a servo's overload rule for its share of the motor table's P gain; None if it has none.
 
     Raises:
         BusError: The servo does not answer.
@@ -97,7 +97,7 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
 
 
 def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
-    """Read current [A] and time [s] of Feetech's protection; 0 A if there is no such limit."""
+    """Read current [A] and time [s] of Feetech's overcurrent protection; 0 A if there is none."""
     registers = bus.servos[servo_id].table.registers
     limit = registers.get("protection_current")
     if limit is None or limit.unit.symbol != "A" or "over_current_time" not in registers:

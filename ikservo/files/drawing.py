@@ -82,7 +82,7 @@ class Drawing:
         return self.scaled(width_m / largest)
 
     def placed(self, origin_m: Sequence[float], angle_rad: float = 0.0) -> Drawing:
-        """Return the drawing turned about the vertical, with its origin at a point (3,) [m]."""
+        """Return the drawing rotated about the vertical, with its origin at a point (3,) [m]."""
         cos, sin = math.cos(angle_rad), math.sin(angle_rad)
         R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         origin = np.asarray(origin_m, dtype=np.float64)
@@ -249,7 +249,7 @@ def _check_svg(path: Path, text: str) -> None:
 
 
 class _SvgCost:
-    """Counts the elements and numbers of an SVG; those that a <use> copies count once per use.
+    """Counts the elements and numbers of an SVG; elements that a <use> copies count once per use.
 
     svgelements copies inherited attributes and style declarations to each element.
     """

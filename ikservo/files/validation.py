@@ -43,7 +43,7 @@ def first_mistake(error: ValidationError) -> tuple[str, str]:
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:
-    """Convert pydantic's errors; unknown keys come first, because they may explain missing ones."""
+    """Convert pydantic's errors; unknown keys come first, because they may explain missing keys."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
     issues = [_make_issue(detail, model) for detail in details]

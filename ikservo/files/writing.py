@@ -33,7 +33,7 @@ class FileWriteError(IkservoError, OSError):
         path: The file.
         why: The system's error text.
         changed: Whether the file was written, but its folder could not be synced.
-        kept: A clause that says what was kept or written; empty: no existing file was changed.
+        kept: A clause that says what was kept or written; empty if no existing file was changed.
     """
 
     def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:
@@ -62,7 +62,7 @@ def write_atomic(
             permissions.
 
     Raises:
-        FileWriteError: The disk is full, read-only or broken; ``changed`` says if it was written.
+        FileWriteError: The disk is full, read-only or broken; see ``changed``.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
@@ -132,7 +132,7 @@ def check_writable(folder: Path) -> None:
 
 
 def remove_durably(path: Path) -> None:
-    """Remove a file durably; a missing one is not an error.
+    """Remove a file so that it stays removed after a power cut; a missing file is not an error.
 
     Raises:
         FileWriteError: The file stays, or may come back after a power cut; the message says which.
@@ -184,7 +184,7 @@ def _translating_os_errors(path: Path, *, changed: bool = False) -> Generator[No
 
 
 def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
-    """Create a folder and its parents; append the new ones to ``made``."""
+    """Create a folder and its parents; append the new folders to ``made``."""
     if folder.is_dir():
         return
     _make_folders(folder.parent, mode, made)

@@ -110,22 +110,22 @@ class RigidBodies:
 class ClearSpace:
     """The postures, and straight motions between them, in which an arm keeps its clearances.
 
-    Motions are checked without gaps: no distance is too small by a millimetre, even to thin
-    obstacles. Only one thread at a time may use a space, which ``CollisionChecker.clear_space``
-    makes.
+    Motions are checked continuously, not only at samples: no distance falls short by a millimetre,
+    even to thin obstacles. Only one thread at a time may use a space, which
+    ``CollisionChecker.clear_space`` makes.
 
     Args:
         body: The arm.
         rigid: The rigid bodies of the arm.
         shapes: The obstacles (k, 17) other than the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity if there is no table.
-        allowed_m: The distances (2, pairs) that capsules must keep: first row for the arm itself,
-            second row for the sagging arm.
+        allowed_m: The distances (2, pairs) that capsules must keep: first row without sag, second
+            row with sag.
         sag: The sag of the arm under gravity; None if it is not considered.
         load: Multiple of gravity under which the arm sags.
         bends: Computes the link joints (n, dof) from the sensor joints (n, dof); None if the arm
             does not bend between sensors and links.
-        sampled_m: The distances (2, pairs) that searches must keep at their samples; None:
+        sampled_m: The distances (2, pairs) that searches must keep at their samples; None uses
             ``allowed_m``.
 
     Attributes:
@@ -190,7 +190,7 @@ class ClearSpace:
 
 
 def _close_postures(start: Vector, goal: Vector) -> Matrix:
-    """Return postures (k, dof) on the straight path to another posture, which is the last row."""
+    """Return closely spaced postures (k, dof) on the straight path to a goal, the last row."""
     count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
     return np.linspace(start, goal, count + 1)[1:]
 

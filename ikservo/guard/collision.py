@@ -112,7 +112,7 @@ class CollisionChecker:
         rest: Vector | None = None,
         began_m: Vector | None = None,
     ) -> float:
-        """Check joint vectors (dof,) along a path that starts at the present posture.
+        """Check a path of joint vectors (dof,) that starts at the present posture.
 
         An arm that touches the table or itself may move out of the contact. A pair in contact at
         the start may stay at that depth until it separates; afterwards it may overlap by at most
@@ -187,8 +187,8 @@ class CollisionChecker:
         Args:
             margin_m: The distance.
             ends: Postures (k, dof) to include if they touch nothing: pairs that are nearer than
-                ``margin_m`` in them may come to half of that distance on the path. Adjacent links
-                are always near each other: keeping the whole distance would need very small steps.
+                ``margin_m`` there may approach to half of their distance. Adjacent links are always
+                near each other: keeping the whole distance would need very small steps.
             load: Multiple of gravity under which a yielding arm must also keep the distance; 0
                 ignores sag.
         """

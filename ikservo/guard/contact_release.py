@@ -40,7 +40,7 @@ def nearest_free_posture(
 def _move_apart(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector, distance_m: float
 ) -> Vector | None:
-    """Find joints (dof,) near ``q`` at which all pairs keep a distance; None if none were found.
+    """Find joints (dof,) near ``q`` at which all pairs keep a distance; None if not found.
 
     Each step maximises the gain in distance of all pairs that are too near while no other pair
     comes too near; it is a linear program in the joints (the non-penetration constraints of

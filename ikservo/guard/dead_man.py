@@ -16,7 +16,7 @@ class DeadManSwitch:
         self._fresh_s = -math.inf
 
     def refresh(self, time_s: float) -> None:
-        """Record a command, unless it has no time or is older than the last command."""
+        """Record a command, unless it has no time stamp or is older than the last command."""
         if time_s < math.inf:
             self._fresh_s = max(self._fresh_s, time_s)
 

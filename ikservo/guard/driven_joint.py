@@ -81,7 +81,7 @@ class DrivenJoint:
         return at_rest_lead_rad(self.lifting_lag_rad)
 
     def tick(self, position: float) -> int:
-        """Compute the tick nearest to a position, inside the limits if the position is.
+        """Compute the tick nearest to a position; it is inside the limits if the position is.
 
         Raises:
             BadValueError: The position is not finite.
@@ -100,16 +100,16 @@ class DrivenJoint:
     def max_lead_ticks(self, speed: float) -> int:
         """Compute the allowed lead of a goal over the measured joint in a motion.
 
-        The lead is the distance in 0.1 s at this speed [rad/s or m/s], but at most 60 ticks of 4096
-        on the horn, plus the steady-state error of a servo under load: 0.12 rad on the horn, or
-        more if the joint needs more to lift the arm and its payload.
+        The lead is the distance covered in 0.1 s at this speed [rad/s or m/s], but at most 60 ticks
+        of 4096 on the horn, plus the steady-state error of a servo under load: 0.12 rad on the
+        horn, or more if the joint needs more to lift the arm and its payload.
         """
         horn, unit_per_tick = self.joint_map.horn_rad_per_tick, self.joint_map.unit_per_tick
         moving_rad = moving_lead_rad(min(speed, self.speed) / unit_per_tick * horn)
         return math.floor(moving_rad / horn + 1e-6) + math.floor(self.at_rest_lead_rad / horn)
 
     def describe_violation(self, tick: int) -> str:
-        """Describe how a tick violates the range; name the violated limit and its source."""
+        """Describe by how much a tick is outside the range; name the limit and its source."""
         position = self.joint_map.position(tick)
         above = position > self.limits.upper.value
         limit = self.limits.upper if above else self.limits.lower

@@ -27,7 +27,7 @@ class TrackingMonitor:
     def for_limits(
         cls, limits: Sequence[DrivenJoint], speeds: Sequence[float] | None = None
     ) -> TrackingMonitor:
-        """Return a monitor for joints (n,) with these top speeds, rad/s or m/s, or their own."""
+        """Return a monitor for joints; ``speeds``, rad/s or m/s, replace their own top speeds."""
         max_error = [
             _ERROR_FRACTION * driven.max_lead_ticks(speed) * driven.joint_map.unit_per_tick
             for driven, speed in zip(limits, speeds or [each.speed for each in limits], strict=True)

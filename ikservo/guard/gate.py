@@ -136,8 +136,8 @@ class Gate:
     def update_measured(self, ticks: TickRow, time_s: float) -> None:
         """Update the measured positions, ticks; joints without a reply are left out.
 
-        Goals must stay within the maximum lead of recent measurements. The time is by the gate's
-        clock.
+        Goals must stay within the maximum lead of recent measurements. The time is measured by the
+        gate's clock.
 
         Raises:
             RefusedError: A tick is not an integer, or the time not finite.
@@ -169,7 +169,7 @@ class Gate:
             joint.set_speed(speed)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Return the time by which a motion may advance; less than has elapsed if a joint lags.
+        """Return the time by which a motion may advance: the elapsed time, or less if a joint lags.
 
         A stream that advances its motion by this time, instead of the elapsed one, waits for the
         joints and so stays within the maximum lead.
@@ -187,7 +187,7 @@ class Gate:
         return tuple([each.driven.joint for each in self._joints if each.is_stale(now_s)])
 
     def shorten_goals(self, goals: TickRow, now_s: float) -> list[int | None]:
-        """Return the allowed goals nearest to the given ones, on the straight path to them.
+        """Return the allowed goals nearest to the given goals, on the straight path to them.
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
         shortened, those of all joints by the same fraction. A goal that the joint could not reach

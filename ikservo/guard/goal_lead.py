@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
-"""Allowed travel of a horn after its program has died [rad]: 60 ticks of 4096."""
+"""Allowed travel of a horn after the program that moves it has died [rad]: 60 ticks of 4096."""
 
 # Largest lead of a goal over a moving joint, without the steady-state error of a P-controlled servo
 # under load, and without the lead that compensates this error.
@@ -15,7 +15,7 @@ _MAX_AT_REST_LEAD_RAD = 0.2  # at the horn: the largest lead at rest that an arm
 
 
 def at_rest_lead_rad(lifting_lag_rad: float) -> float:
-    """Compute the allowed lead of a goal at rest, from the horn's lag as it lifts the payload."""
+    """Compute the allowed lead of a goal at rest from the lag of a horn that lifts the payload."""
     return min(max(lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
 
 

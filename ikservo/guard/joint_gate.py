@@ -34,7 +34,7 @@ class RateLimiter:
         return math.floor(self._remaining_step(elapsed_s) + 1e-6)
 
     def consume(self, step: int, elapsed_s: float) -> None:
-        """Account for a step that was sent."""
+        """Record a step that was sent, so that later steps are shortened by any excess."""
         self._spare = min(self._remaining_step(elapsed_s) - step, 1.0)
 
     def _remaining_step(self, elapsed_s: float) -> float:
@@ -87,7 +87,7 @@ class JointGate:
         return self.goal
 
     def consume_step(self, tick: int, elapsed_s: float) -> None:
-        """Account for the step to a goal that is sent after an elapsed time."""
+        """Record the step to a goal that is sent ``elapsed_s`` after the last goal."""
         self._rate.consume(abs(tick - self.last_goal()), elapsed_s)
 
     def is_stale(self, now_s: float) -> bool:
@@ -102,7 +102,7 @@ class JointGate:
         return min(max((1.0 - lead / self._max_lead) / (1.0 - _EASE_FROM), 0.0), 1.0)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
-        """Compute the time by which a motion may advance; less than has elapsed if the joint lags.
+        """Compute the time by which a motion may advance: the elapsed time, less if the joint lags.
 
         Goals within the speed of `set_speed` stay within the maximum lead.
         """

@@ -55,9 +55,9 @@ class _Pressing:
         load: The last reading of the load as a signed fraction of the output.
         since_s: Time since which the joint presses beyond the limit; NaN if it does not.
         reached_s: Last time at which the output was beyond the limit.
-        bound: The goal when it was pulled back, which the motion does not pass; None otherwise.
+        bound: The pulled-back goal, which the motion does not pass; None if it is not pulled back.
         warned: Whether the user was warned.
-        side: 1 if the joint presses towards greater ticks, -1 towards smaller ones.
+        side: 1 if the joint presses towards greater ticks, -1 if towards smaller ticks.
     """
 
     tick: int = 0

@@ -49,7 +49,7 @@ class SearchedTool(Protocol):
 
     @property
     def projected(self) -> Matrix:
-        """Limits (k, 8) that a projection satisfies; see ``ikservo.kernels.tool_limits``."""
+        """Limits (k, 8) onto which postures are projected; see ``ikservo.kernels.tool_limits``."""
         ...
 
     @property
@@ -129,7 +129,7 @@ class WaySearch:
     def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
         """Continue the search until a path is found and proven free.
 
-        At most ``most`` postures are checked; ``is_over``, which is called often, ends the search.
+        At most ``most`` postures are checked; the search also ends once ``is_over`` returns True.
 
         Returns:
             The postures (k, n) of the path; None if none was found yet, or the start or all goals
@@ -151,7 +151,7 @@ class WaySearch:
         return None
 
     def _has_met(self, until: int, is_over: Callable[[], bool]) -> bool:
-        """Let the trees grow by up to ``until`` postures; return whether they have met."""
+        """Grow the trees, up to ``until`` checked postures; return whether the trees have met."""
         looked = self._kernel.LOOKED
         while self._state[looked] < until and not (self.has_ended or is_over()):
             before = self._state[looked]
@@ -163,7 +163,7 @@ class WaySearch:
     def _bound(
         self, name: str, limits: Matrix, nodes: Matrix, parents: IntVector, state: IntVector
     ) -> Callable[..., object]:
-        """Return a kernel function that still needs the sample distance and the bound."""
+        """Return a kernel function with all arguments bound except the last two, step and bound."""
         tool, dof = self._tool, len(self._columns)
         nothing = np.zeros((0, 8))
         return bind(

@@ -1,7 +1,7 @@
 """Compiled computation of the joints' sag under the arm's own weight.
 
 ``kinematics.dynamics`` computes the same torques, and a test compares both; for the many postures
-of a path the kernel takes a fifth of the time.
+of a path, the kernel needs a fifth of the time.
 """
 
 from __future__ import annotations

@@ -245,7 +245,7 @@ def say_what_fell(
 ) -> ServoAlarmError | ServoSilentError:
     """Add to an error which joints have fallen and which hold; return the error.
 
-    ``limp`` servos answer without torque; ``caught`` ones were reset and have torque again.
+    ``limp`` servos answer without torque; ``caught`` servos were reset and have torque again.
     """
     is_known = "limp" in error.command_message
     states = [

@@ -34,9 +34,9 @@ _Key = TypeVar("_Key", bound=RegisterRef)
 class ServoBus(RegisterAccess):
     """Read and write registers of the servos on one port.
 
-    A register may come from any table, or be a ``RegisterName``, which stands for the register of
-    that name in each servo's table, so that one call works for servos of several models. Values are
-    in the register's unit; ``raw=True`` uses the raw integer (ticks for positions).
+    A register may come from any table, or be a ``RegisterName``, which means the register of that
+    name in each servo's table, so that one call works for servos of several models. Values are in
+    the register's unit; ``raw=True`` uses the raw integer (ticks for positions).
 
     Programs may use a bus without an arm; ``bulk_write``, ``broadcast_ping``, ``reg_write`` and
     ``action`` are part of this interface, although ikservo does not call them.
@@ -45,7 +45,7 @@ class ServoBus(RegisterAccess):
         port: The port.
         servos: The expected servos, in their order along the cable.
         retries: The number of repetitions of a request after a lost reply.
-        fast: Whether fast sync read is tried where the family supports it.
+        fast: Whether fast sync read is tried if the family supports it.
 
     Attributes:
         servos: The servos by id.
@@ -203,11 +203,11 @@ class ServoBus(RegisterAccess):
                 self._track_state(self.servos[servo_id], register, register.decode(data))
 
     def broadcast_ping(self, family: Family, highest_id: int | None = None) -> BroadcastPingResult:
-        """Ping all servos of a family on the bus, including unknown ones.
+        """Ping all servos of a family on the bus, including unknown servos.
 
         Args:
             family: The protocol family.
-            highest_id: The last id to wait for; None: the highest id of a known servo.
+            highest_id: The last id to wait for; None uses the highest id of a known servo.
 
         Raises:
             PortLostError: The port is lost.

@@ -30,7 +30,8 @@ def raise_explained(bus: ServoBus, error: IkservoError) -> None:
     """Raise an error that explains a failed request if possible; send only pings and reads.
 
     Two servos with one id cause replies that are damaged, doubled, or do not match the arm file. If
-    servos are silent, others may be on the line; the search for these takes up to two seconds.
+    servos are silent, other servos may be on the line; the search for these takes up to two
+    seconds.
 
     Raises:
         BadReplyError: Several servos reply at one id; all such ids are named.
@@ -111,7 +112,7 @@ def find_unexpected_servos(
 ) -> list[FoundServo]:
     """Find servos that may be the silent servos: first those with expected ids, then any others.
 
-    ``known`` are the ids that should be on the line. The port keeps its rate.
+    ``known`` contains the ids that should be on the line. The port keeps its baud rate.
 
     Raises:
         PortLostError: The port is lost.

@@ -33,7 +33,7 @@ from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
 
 @dataclass(frozen=True, slots=True)
 class RegisterDifference:
-    """A register whose raw number differs from the expected one."""
+    """A register whose raw number differs from the expected number."""
 
     register: Register
     found: int
@@ -62,7 +62,7 @@ def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
 def register_differences(
     bus: ServoBus, servo_id: int, expected: Mapping[RegisterRef, int]
 ) -> list[RegisterDifference]:
-    """Return the registers whose raw numbers differ from the expected ones.
+    """Return the registers whose raw numbers differ from the expected numbers.
 
     Raises:
         BusError: The servo does not reply.

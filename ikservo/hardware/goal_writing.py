@@ -30,7 +30,7 @@ def write_goals(
         reached: Returns the tick at which a servo is, or to which it was last sent; called only if
             a goal is outside.
         describe: Returns the message for a refused goal, given servo id and tick.
-        confirmed: Whether each servo confirms its goal by a reply; if not, one packet has all
+        confirmed: Whether each servo confirms its goal by a reply; if not, one packet contains all
             goals.
 
     Raises:

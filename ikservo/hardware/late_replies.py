@@ -24,7 +24,7 @@ _MARGIN_BYTES = 1.03  # clocks of servos and adapters differ by this much at mos
 
 
 class LineHealth:
-    """Health of the line: healthy after enough clean requests; each anomaly requires more.
+    """Health of the line: healthy after enough clean requests, of which each anomaly requires more.
 
     Args:
         clean_requests: The number of clean requests until the line counts as healthy.
@@ -51,10 +51,10 @@ class LineHealth:
 
 
 class ByteRateCheck:
-    """Counts the reply bytes that can have arrived; bytes in excess predate the request.
+    """Counts the reply bytes that can have arrived; any more bytes are older than the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
-    therefore applies only after replies have kept it for a while, until it costs a reply.
+    therefore applies only after several replies have kept it, until a reply is missed.
     """
 
     def __init__(self) -> None:
@@ -135,7 +135,7 @@ class PendingReplies:
         return bool(self._pending)
 
     def pending_until_s(self, servo_ids: _Ids, now_s: float) -> float | None:
-        """Return the time when the last pending reply of servos expires; None: none is pending."""
+        """Return when the last pending reply of servos expires; None if no reply is pending."""
         pending = (entry for servo_id in servo_ids for entry in self._pending_of(servo_id, now_s))
         return max((until_s for _, until_s in pending), default=None)
 
@@ -290,8 +290,8 @@ class AdaptiveTimeout:
         """Double the timeout from the third consecutive time without any reply.
 
         Args:
-            many: Whether a group was requested; then the adapter or this machine is slow, and the
-                timeout is quadrupled at once.
+            many: Whether several servos were asked for replies; then the adapter or this machine is
+                slow, and the timeout is quadrupled at once.
         """
         self._timeouts = max(self._timeouts + 1, _MAX_OWN_MISSES + 2 if many else 0)
 

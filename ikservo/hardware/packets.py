@@ -96,12 +96,12 @@ BROADCAST_ID = 0xFE
 """The broadcast id, the same for both vendors and both protocols."""
 
 MAX_RETURN_DELAY_S = 254 * 2e-6
-"""The longest delay before a reply that any servo's register can hold."""
+"""The longest return delay that any servo's register can hold, seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """A status packet whose checksum is right: its sender, error byte and parameters."""
+    """A status packet whose checksum is correct: its sender, error byte and parameters."""
 
     servo_id: int
     error: int
@@ -113,7 +113,7 @@ class ScanResult:
     """Result of scanning the bytes received so far.
 
     Attributes:
-        frames: Status packets whose checksums are right, in order.
+        frames: Status packets whose checksums are correct, in order.
         pending: Bytes at the end that may be the beginning of another packet.
         junk: Bytes that belong to no packet.
     """
@@ -136,7 +136,7 @@ class PacketCodec(Protocol):
         ...
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
-        """Find the status packets of the expected data sizes; ``final``: no more bytes come."""
+        """Find status packets of the expected data sizes; ``final``: no more bytes will arrive."""
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
@@ -148,5 +148,5 @@ class PacketCodec(Protocol):
         ...
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is not one."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; else return None."""
         ...

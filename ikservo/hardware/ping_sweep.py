@@ -109,9 +109,9 @@ class PingResults:
 
     Attributes:
         frames: Every reply by id, in the order of arrival.
-        suspects: Ids in whose slot invalid bytes came: two servos replied at once, or noise.
+        suspects: Ids in whose slots invalid bytes arrived: two servos replied at once, or noise.
         junk: The number of invalid bytes.
-        echoes: Whether the adapter returns what it sends.
+        echoes: Whether the adapter returns the bytes that it sends.
     """
 
     frames: dict[int, list[StatusPacket]] = field(default_factory=dict[int, "list[StatusPacket]"])
@@ -195,7 +195,7 @@ class _ScanReceiver:
             self._results.suspects.update(self._recent_ids)
 
     def make_results(self, ids: list[int], echoes: bool | None) -> PingResults:
-        """Return the replies without the echoes of our own pings."""
+        """Return the replies without the echoes of the pings."""
         pinged, results = Counter(ids), self._results
         if echoes is None:  # an adapter repeats every ping, a servo only the ping of its id
             all_repeated = all(len(self._echo_frames(i)) >= pinged[i] for i in pinged)

@@ -139,7 +139,7 @@ class SdkPort:
             raise self._port_lost_error(error) from error
 
     def setPortName(self, port_name: str) -> None:
-        """Change the name by which messages call the port."""
+        """Change the name that messages use for the port."""
         self.name = port_name
 
     def getPortName(self) -> str:
@@ -147,10 +147,10 @@ class SdkPort:
         return self.name
 
     def setBaudRate(self, baudrate: int) -> bool:
-        """Set another rate without opening the port again; any rate that the adapter supports.
+        """Change the baud rate without opening the port again; any rate of the adapter is possible.
 
         Raises:
-            PortError: The adapter does not support this rate; the old one stays.
+            PortError: The adapter does not support this rate; the old rate stays.
             PortLostError: The port is lost.
         """
         try:
@@ -236,9 +236,9 @@ class Port(SdkPort):
         sent: The bytes of the latest request.
         echoes: Whether the adapter echoes; None while that is unknown.
         reply_timeout: The time to wait beyond the wire time.
-        byte_rate: The rate that determines how soon a reply can come.
+        byte_rate: Checks how many bytes of a reply can have arrived since its request.
         health: Whether the line has repeated or damaged packets.
-        pending: The replies that may still come.
+        pending: The replies that may still arrive.
         is_using: The SDKs' own busy flag; ``exchange`` always clears it (F8, D9).
     """
 
@@ -248,7 +248,7 @@ class Port(SdkPort):
         abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
-        """Set the transport that is used from now on; discard measurements on the old one."""
+        """Set the transport that is used from now on; discard the measurements of the old one."""
         super().connect(transport, name, baud_rate)
         self.byte_rate, self.health, self.pending = ByteRateCheck(), LineHealth(), PendingReplies()
         self.echoes: bool | None = None
@@ -263,7 +263,7 @@ class Port(SdkPort):
                 self.is_using = False
 
     def stale_bytes(self, count: int) -> int:
-        """Compute how many of the bytes that came since the request were sent before it."""
+        """Compute how many of the bytes received since the request were sent before the request."""
         since_s = self.clock.now_s() - self.sent_all_s
         return self.byte_rate.excess_bytes(count - self._echo_bytes, since_s, self.wire_s(1))
 
@@ -284,7 +284,7 @@ class Port(SdkPort):
 
     @property
     def _echo_bytes(self) -> int:
-        """Return the number of received bytes that may be an echo of our own."""
+        """Return the number of received bytes that may be an echo of the request."""
         return 0 if self.echoes is False else len(self.sent)
 
     def reopen(self) -> Port:
@@ -300,7 +300,7 @@ class Port(SdkPort):
         self.transport = _ForeignTransport(self.transport)
 
     def closePort(self) -> None:
-        """Close this object, and after the last one the transport; a lost port is not an error."""
+        """Close this object; the last one closes the transport. A lost port is not an error."""
         with _opening:
             _openings.pop(self, None)
             if any(other.transport is self.transport for other in _openings):
@@ -320,7 +320,7 @@ class Port(SdkPort):
 
 
 class _ClosedTransport:
-    """Replaces the transport in a closed port object, because others still use the transport."""
+    """Replaces the transport in a closed port object, because other objects may still use it."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise OSError(errno.EBADF, "closed")
@@ -330,7 +330,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """Replaces the transport of the parent process, which it keeps without closing it."""
+    """Replaces the parent process's transport in a forked child, without closing the original."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport
@@ -368,7 +368,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     shared.
 
     Raises:
-        PortError: The port does not exist, is busy or may not be opened.
+        PortError: The port does not exist, is busy, or the user has no permission to open it.
     """
     if not name or ":" in name or not servo_ids:  # no device, simulated, remote, or for any servo
         return Port(_open_line(name, baud_rate), name, baud_rate)

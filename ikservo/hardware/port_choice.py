@@ -19,7 +19,7 @@ def list_ports() -> list[str]:
 
 
 def named_port(name: str | None) -> str:
-    """Return the port that the user named, here or in ``IKSERVO_PORT``; empty if none."""
+    """Return the port that the user named, here or in ``IKSERVO_PORT``; empty if there is none."""
     return name or os.environ.get(_VARIABLE, "")
 
 

@@ -59,7 +59,7 @@ _SIMULATED = "sim"
 
 
 def is_simulated(port_name: str) -> bool:
-    """Check whether a port is a simulated bus in this process, which is new at each opening."""
+    """Check whether a port is a simulated bus in this process, which each opening creates anew."""
     return port_name.partition(":")[0] == _SIMULATED
 
 
@@ -106,7 +106,7 @@ def _try_reopen(port: Port, serial_number: str) -> bool:
 
 
 def real_time_port(port: str | None) -> str | None:
-    """Return the port; a simulated one is set to run in real time."""
+    """Return the port; a simulated port is set to run in real time."""
     if port is None or not is_simulated(port) or "paced=" in port:
         return port
     return with_simulator_option(port, "paced=1")

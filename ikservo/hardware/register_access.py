@@ -18,8 +18,8 @@ from ikservo.registers import Alarm, Area, Register, RegisterName
 MAX_ENABLING_TICKS = 170
 """Largest distance between a goal and a servo's position at which torque is switched on [tick].
 
-A joint that is slightly outside its servo's limits comes back to them; a joint further outside is
-on another revolution and would turn all the way back.
+A joint that is slightly outside its servo's limits moves back inside; a joint further outside is on
+another revolution and would turn all the way back.
 """
 
 
@@ -42,10 +42,10 @@ class RegisterAccess:
         port: The port.
         servos: The expected servos, in their order along the cable.
         retries: The number of repetitions of a request after a lost reply.
-        fast: Whether fast sync read is tried where the family supports it.
+        fast: Whether fast sync read is tried if the family supports it.
 
     Attributes:
-        backup_owner: Name of the folder for EEPROM backups; empty: no backups are made.
+        backup_owner: Name of the folder for EEPROM backups; if empty, no backups are made.
     """
 
     def __init__(
@@ -254,11 +254,11 @@ class RegisterAccess:
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
         """Allow goals for servos without torque in the block, which switches torque on.
 
-        On Feetech STS and older Dynamixel servos the goal itself switches torque on, so that it
-        must be the servo's position. If a servo's torque was off and is not known to be on after
-        the block, it is switched off, in case the goal switched it on; if the block fails, this is
-        done for all servos whose torque was off. ``measured`` are raw ticks by id, read just before
-        the block, together with the torque.
+        On Feetech STS and older Dynamixel servos the goal itself switches torque on, so it must be
+        the servo's position. If a servo's torque was off and is not known to be on after the block,
+        it is switched off, in case the goal switched it on; if the block fails, this is done for
+        all servos whose torque was off. ``measured`` are raw ticks by id, read just before the
+        block, together with the torque.
 
         Raises:
             StoppedError: Another program has stopped this one; see ``check_may_move``.

@@ -27,7 +27,7 @@ def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Re
     Args:
         registers: The registers of one servo.
         gap: Maximum number of unused bytes between two registers of a run. Across unused bytes,
-            static registers are not combined with others, as they are read twice on a bad line.
+            static registers are not combined with others: they are read twice on a bad line.
     """
     rows = list(registers)
     if len(rows) == 1:

@@ -168,7 +168,7 @@ OnScanStep = Callable[[ScanProgress], None]
 
 
 def candidate_baud_rates(first: int | None = None) -> list[int]:
-    """Return all rates that known models support: ``first``, if given, then the likely rates."""
+    """Return all rates of known models: ``first``, if given, then likely rates, then the others."""
     known = frozenset[int]().union(*(framing.baud_rates for framing in FRAMINGS))
     rates = [first] if first else []
     rates += [rate for rate in _COMMON_RATES if rate in known]

@@ -25,7 +25,7 @@ _PROCESSES = Path("/proc")  # exists on Linux only; on other systems no process 
 
 
 def process_using(device: str) -> str:
-    """Return ``command (process 123)`` of a process that has the device open, or empty."""
+    """Return ``command (process 123)`` of a process that has the device open; empty if none has."""
     target = Path(device).resolve()
     for process in _PROCESSES.glob("[0-9]*"):
         with contextlib.suppress(OSError):  # the process is another user's, or has just ended
@@ -168,7 +168,7 @@ def installed_rules() -> Path | None:
 
 
 def has_udev() -> bool:
-    """Check whether this system uses udev rules at all."""
+    """Check whether this system uses udev rules."""
     return sys.platform == "linux"
 
 
@@ -189,7 +189,7 @@ def is_pseudo_terminal(port_name: str) -> bool:
 
 
 def line_hint(port_name: str, hint: str) -> str:
-    """Return ``hint``, which is about plugs and cables; for a pseudo-terminal, another hint."""
+    """Return ``hint``, which is about plugs and cables, or another hint for a pseudo-terminal."""
     if not is_pseudo_terminal(port_name):
         return hint
     return (

@@ -14,7 +14,7 @@ from ikservo.registers import Alarm, ControlTable
 
 @dataclass(frozen=True, slots=True)
 class ServoSpec:
-    """A servo that is expected on the bus; its name, which is the joint's, is for messages."""
+    """A servo that is expected on the bus; messages call it by its name, the name of its joint."""
 
     id: int
     table: type[ControlTable]
@@ -69,7 +69,7 @@ class ServoStatistics:
         self.round_trips_s.append(took_s)
 
     def round_trip_s(self, quantile: float) -> float | None:
-        """Compute a quantile of the latest round trips, seconds; None without round trips."""
+        """Compute a quantile of the latest round trips, seconds; None if there were none."""
         ordered = sorted(self.round_trips_s)
         return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
 
@@ -100,7 +100,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 @dataclass(frozen=True, slots=True)
 class Readings(Generic[T_co]):
-    """Result of a group read; if some servos fail, it has the values of the others.
+    """Result of a group read; if some servos fail, it contains the values of the others.
 
     Attributes:
         values: The value of each servo that replied.

@@ -21,7 +21,7 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
 
     Raises:
         ServoAlarmError: The supply voltage is outside the servo's limits.
-        RefusedError: The servo is far outside its limits or not in a position mode; it stays off.
+        RefusedError: The servo is far outside its limits or in another mode; torque stays off.
         BusError: The servo does not reply, or does not accept the goal.
     """
     check_supply_voltage(bus, servo_id)

@@ -62,7 +62,7 @@ if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
 
 
 class _PosixSerial(Protocol):
-    """The part of pyserial's POSIX port that is used."""
+    """The part of pyserial's POSIX port that ikservo uses."""
 
     fd: int
     write: Callable[[bytes], int | None]
@@ -113,8 +113,8 @@ _MAX_LOCK_BYTES = 4096
 class PortLock:
     """A locked file that names the process that uses a device.
 
-    The kernel releases the lock when the process ends, in whatever way it ends; the file stays,
-    which is harmless. All names of one device lead to the same file. On a system without such locks
+    The kernel releases the lock when the process ends, however it ends; the file stays, which is
+    harmless. All names of one device lead to the same file. On a system without such locks
     (Windows), a device can be opened only once anyway.
     """
 
@@ -225,8 +225,8 @@ def open_transport(name: str, baud_rate: int) -> Transport:
     Raises:
         InputError: A plug-in cannot use the text after its name: its function raises a ValueError.
         NoPortError: There is no such port.
-        PortBusyError: Another program has it open.
-        PortError: The port may not be opened.
+        PortBusyError: Another program has the port open.
+        PortError: The user has no permission to open the port, or the port cannot be opened.
     """
     if not name:
         raise NoPortError("", list_devices())

@@ -86,8 +86,8 @@ def solve_batch(
     Args:
         chain: The arm, or its model, its name, or the path of its file.
         targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
-        q0s: Starts (m, dof), or one for all (dof,). None: ``initial_joints()`` of a model, or the
-            middle of the ranges of a chain.
+        q0s: Starts (m, dof), or one start for all (dof,). None uses ``initial_joints()`` of a
+            model, or the middle of the ranges of a chain.
         workers: The number of threads; None uses the number of cores.
         kind: The part of the poses that counts: ``position``, ``direction`` or ``pose``; None
             means ``pose``.

@@ -73,8 +73,8 @@ def bounded(
 ) -> Result:
     """Search from q0, then from the starting points in ``first``, then from those in a fixed table.
 
-    If q0 leads to a solution, the search ends; otherwise the result is the nearest to q0 of the
-    first few solutions, or the closest approach of all searches if there is no solution.
+    If q0 leads to a solution, the search ends; otherwise the result is the solution nearest to q0
+    among the first few, or the closest approach of all searches if there is no solution.
     """
     if first or options.trace:
         return Search(chain, target, options, first).solve(chain, target, q0)
@@ -89,7 +89,7 @@ class Search:
 
     Args:
         chain: The arm.
-        target: A target; others with the same frame, offset and tool axis can also be solved.
+        target: A target; any target with the same frame, offset and tool axis can be solved.
         options: Limits and priorities.
         first: Starting points (dof,) in addition to the table.
     """

@@ -100,8 +100,8 @@ class Solver:
     A call is ``solve(…, nearest=False)``: it starts at ``q0`` and restarts elsewhere if that fails.
     Joints that do not move the point stay at ``q0``. ``track`` follows a path: it searches from
     ``q0`` only, never jumps to another branch, and moves as near to the target as it can if a limit
-    blocks. If a path that continues from the last result has stretched the arm straight, the arm
-    bends back to the side from which it came.
+    is in the way. If a path that continues from the last result has stretched the arm straight, the
+    arm bends back to the side from which it came.
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.
@@ -110,7 +110,7 @@ class Solver:
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
         frame: The link to move to the target; the tip if None.
         offset_m: The point (3,) on that link, metres; the link's origin if None.
-        tolerance: The largest errors that count as reached; not used if ``options`` are given.
+        tolerance: The largest errors of a reached target; not used if ``options`` are given.
         options: Tolerance, search limits and priorities.
 
     Raises:
@@ -189,7 +189,7 @@ class Solver:
     ) -> tuple[Vector, bool]:
         """Compute the joints on the branch of ``q0``, and whether they reach the target.
 
-        Arguments and errors are those of a call; if a limit blocks, ``result`` names the limit.
+        Arguments and errors are those of a call; ``result`` names any limit that blocks.
         """
         solve = self._solve_drooping
         q, reached = solve(self._track, T_world_tool, q0, out)

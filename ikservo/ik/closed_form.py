@@ -28,7 +28,7 @@ _TRUNCATE = 1e-5
 
 
 def refine_newton(chain: Chain, target: Target, q: Vector) -> Vector | None:
-    """Compute the joints (dof,) near q that meet the target; None if the limits prevent it."""
+    """Compute the joints (dof,) near q that reach the target; None if the limits prevent it."""
     for _ in range(_STEPS):
         T, J = chain.forward_and_jacobian(q, target.frame, target.offset_m)
         E, rows = target.position - T[:3, 3], J[:3]
@@ -66,11 +66,11 @@ _MISSED_PER_DEVIATION = 1e3
 
 
 def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
-    """Compute joints (dof,) that meet the target, one for each branch, nearest to q0 first.
+    """Compute joints (dof,) that reach the target, one for each branch, nearest to q0 first.
 
     If the target leaves freedom, each branch gives the solution nearest the start: the wrist keeps
     its position, and the last link its direction, as well as the limits allow. Angles that differ
-    by full revolutions are one solution; the one nearest q0 is returned.
+    by full revolutions are one solution; the nearest to q0 is returned.
 
     Args:
         chain: The arm.
@@ -147,7 +147,7 @@ def _is_same_solution(a: Vector, b: Vector) -> bool:
 
 
 def initial_joints(chain: Chain, q0: ArrayLike | None) -> Vector:
-    """Return q0 (dof,) after a check, or the middle of the limits."""
+    """Check and return q0 (dof,); if it is None, return the middle of the limits."""
     return chain.mid_range() if q0 is None else finite_vector(q0, chain.dof, "q0")
 
 
@@ -163,8 +163,8 @@ def direction_intervals(
 
     Returns:
         The intervals of each yaw and elbow inside the limits; none if the point is out of reach or
-        the arm has no three parallel joints. Arms that have them only while the forearm does not
-        roll keep its roll at zero.
+        the arm has no three parallel joints. An arm whose joints are parallel only while the
+        forearm does not roll keeps this roll at zero.
     """
     arm = recognise_structure(chain, target.frame)
     arm = arm.with_wrist_locked or arm if arm else None
@@ -187,9 +187,9 @@ def closest_solution(
 ) -> tuple[Vector, ...]:
     """Find joints (dof,) that come closest to an unreachable target, if a closed form gives them.
 
-    A planar arm comes to the reachable point nearest the target. An arm whose wrist cannot help
-    meets the point and rotates the tool as far as the limits allow. The best joints are among the
-    returned ones; all are inside the limits.
+    A planar arm moves its tip to the reachable point nearest the target. An arm whose wrist cannot
+    help reaches the point and rotates the tool as far as the limits allow. The best joints are
+    among the returned joints; all are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:

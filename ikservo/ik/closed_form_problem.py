@@ -72,7 +72,7 @@ _NO_ANGLE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """Joints (dof,) that meet the target point, and the orientation error of their tool."""
+    """Joints (dof,) that reach the target point, and the orientation error of their tool."""
 
     q: Vector
     miss: float
@@ -150,7 +150,7 @@ class AnalyticProblem:
     ) -> Iterator[Candidate]:
         """Yield the planar solutions with the tool in the required direction.
 
-        If the limits forbid this direction and ``bend`` is set, the nearest allowed one is used.
+        If the limits forbid this direction and ``bend`` is set, the nearest allowed angle is used.
         """
         plane = self.arm.plane
         links = plane.links(self.tip.in_plane_part(roll_rad))

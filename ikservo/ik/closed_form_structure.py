@@ -62,7 +62,7 @@ class PlanarSubchain:
         frame: Rows e1, e2, n (3, 3), base frame; n is the common axis.
         pivots: The joint positions in the plane, e1 + i e2, m.
         columns: The joint indices in q.
-        signs: +1 if the joint rotates about n, -1 if it rotates against it.
+        signs: +1 if the joint rotates about n, -1 if it rotates about -n.
         limits: Lower and upper limit of each angle about n, rad.
     """
 
@@ -89,9 +89,9 @@ class ArmStructure:
     Attributes:
         yaw: The first joint, if it is not in the plane.
         plane: Two or three parallel joints.
-        wrist: The joints between these and the tip.
+        wrist: The joints between the plane and the tip.
         centre: The point (3,) where the axes of a wrist of two or three joints meet; None if they
-            do not.
+            do not meet.
         tool: Pose (4, 4) of the frame while all joints are zero.
         deviation: The deviation of axes from being parallel [rad] or from meeting [m].
         yaw_back: Rotates points in the base frame back by the yaw.
@@ -136,7 +136,7 @@ _SAME_POSE = 1e-9
 
 
 def recognise_structure(chain: Chain, frame: str | None = None) -> ArmStructure | None:
-    """Return the structure of the arm up to a frame (None: the tip); None if it is unknown."""
+    """Return the structure of the arm up to a frame, by default the tip; None if it is unknown."""
     chain = chain.rigid
     cached = _structure_cache.setdefault(chain, {})
     if frame in cached:
@@ -158,7 +158,7 @@ _structure_cache: WeakKeyDictionary[Chain, dict[str | None, ArmStructure | None]
 
 
 def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmStructure | None:
-    """Return yaw, parallel links and wrist of the joints; None if they are not in that order."""
+    """Return yaw, parallel links and wrist of the joints; None if they are in another order."""
     if len(joints) < 2:
         return None
     first = 0 if _are_parallel(joints[0], joints[1]) else 1

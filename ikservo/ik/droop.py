@@ -1,8 +1,8 @@
 """Targets for an arm that sags under its weight, raised by the sag of the tip at the target.
 
 Kernels solve rigid arms. A rigid arm must go to the target's pose minus the displacement by the
-sag. Each new solution changes this displacement by about a tenth: it converges after a few
-solutions.
+sag. Each new solution changes this displacement by about a tenth, so that the displacement
+converges after a few solutions.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class Droop:
     Args:
         chain: An arm with ``link_joints``.
         frame: The link; the tip if None.
-        offset_m: The point (3,) on that link, metres; its origin if None.
+        offset_m: The point (3,) on that link, metres; the link's origin if None.
 
     Attributes:
         is_steady: Whether the sag hardly changed with the last joints.
-        max_steps: Number of times that targets are raised before a solution counts as not reached.
+        max_steps: Number of times that a target is raised before it counts as not reached.
     """
 
     max_steps = 12

@@ -27,7 +27,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import skew
 
 ORIENTATION_LEVER_M = 0.1
-"""Metres that weigh as much as one radian, about half the length of a small arm."""
+"""Position error [m] that counts as much as one radian, about half the length of a small arm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,8 +197,8 @@ EPSILON = 5e-3
 """Singular values below this fraction of the largest count as zero.
 
 This value is about the radial singular value one degree before the arm is stretched. With a smaller
-one, the iteration would oscillate through the stretched pose forever, 2° back and forth; with a
-larger one, it would stop early.
+value, the iteration would oscillate through the stretched pose forever, 2° back and forth; with a
+larger value, it would stop early.
 """
 
 _PINV_MAX_ITERATIONS = 500
@@ -208,7 +208,7 @@ def pseudo_inverse(chain: Chain, target: Target, q0: Vector, options: Options) -
     """Iterate from ``q0`` in small steps that solve the linearised problem.
 
     With a posture in the options the joints move towards it as far as the target leaves freedom,
-    and the iteration ends when both have come to rest.
+    and the iteration ends when nothing moves any more.
 
     Raises:
         BadValueError: The posture has the wrong shape, is not finite, or a weight is negative.
@@ -233,8 +233,8 @@ def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
     """Compute the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
     ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` if ``s < ε s_max``. ``Δ = J⁺ E`` is the
-    least-squares solution of ``J Δ = E`` if no solution is exact, the one of least norm if there
-    are many.
+    least-squares solution of ``J Δ = E`` if no solution is exact, and the solution of least norm if
+    there are many.
     """
     U, s, Vt = np.linalg.svd(J, full_matrices=False)
     kept = s > max(epsilon * s.max(initial=0.0), _NOTHING)

@@ -1,7 +1,7 @@
 """Other solutions for a target: their number or family, and the solution nearest to the start.
 
-A search converges to one solution; with six joints this is the nearest solution in about two of
-three cases. The closed form has every solution; without it, searches that begin around the start
+A search converges to one solution; with six joints, this is the nearest solution in about two out
+of three cases. The closed form has every solution; without it, searches that begin around the start
 find most of the near solutions.
 """
 
@@ -43,7 +43,7 @@ _NEARBY_STEPS = 20  # steps of such a search; if it has not converged by then, i
 def solution_set(
     chain: Chain, target: Target, q: Vector, tolerance: Tolerance | None = None
 ) -> SolutionSet:
-    """Return the number or family of the solutions of a target that joints (dof,) meet."""
+    """Return the number or family of the solutions of a target that joints (dof,) reach."""
     task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
     current = task.linearise(q)
     if not task.is_met(current, Tolerance(2 * tolerance.position_m, 2 * tolerance.orientation_rad)):

@@ -305,7 +305,7 @@ def nearest_planar_angles(
     """Find the angles inside the limits, best first, whose tip may be the nearest to ``m``.
 
     ``links`` are the vectors of the links at zero angles; ``m``, relative to the first joint, is
-    out of reach. Among equivalent angles, those nearest ``start`` are taken.
+    out of reach. Among equivalent angles, those nearest ``start`` are returned.
     """
     candidates = (
         within_limits(angles, limits, start)

@@ -187,7 +187,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class IdleJoint:
-    """A joint without influence on the target, which keeps its position; and the joint's range.
+    """A joint that does not influence the target and keeps its position, with the joint's range.
 
     Attributes:
         column: The joint index in q.
@@ -222,7 +222,7 @@ def idle_joints(
 ) -> tuple[IdleJoint, ...]:
     """Return the joints that change neither the point nor the orientation of a target.
 
-    The point (3,) is on a link, by default the origin of the tip. Its target may include the
+    The point (3,) is on a link, by default the origin of the tip. The target may also include the
     direction of an ``axis`` (3,) of the link, or the whole orientation.
     """
     T, J = chain.forward_and_jacobian(ordinary_postures(chain.dof), frame, offset_m)

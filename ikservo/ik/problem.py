@@ -63,7 +63,7 @@ class Target:
         direction: Target direction (3,) of the tool axis, base frame; any length except zero.
         orientation: Target orientation R_world_tool (3, 3); not together with direction.
         frame: The link to which the point belongs; the tip if None.
-        offset_m: The point in that link's coordinates (3,), metres; its origin if None.
+        offset_m: The point in that link's coordinates (3,), metres; the link's origin if None.
         tool_axis: The axis (3,) in the link's coordinates for ``direction``.
         axis: The tool axis as a unit vector.
         packed: Position and rotation (4, 3) as the kernels read them; a direction is stored as the
@@ -160,13 +160,13 @@ def _rotation_between(a: Vector, b: Vector) -> Vector:
 
 
 def check_position(v: ArrayLike, what: str) -> Vector:
-    """Check and copy a point (3,) [m]; BadValueError if it is not a point or is beyond 1 km."""
+    """Check and copy a point (3,) [m]; raise BadValueError if it is not valid or beyond 1 km."""
     point = bounded_vector(v, 3, MAX_POSITION_M, what, "metres, within 1 km")
     return point.copy()  # changes to the caller's array must not change the target
 
 
 def normalise(v: ArrayLike, what: str) -> Vector:
-    """Compute a direction (3,) with length one; BadValueError if it has no length."""
+    """Scale a direction (3,) to length one; raise BadValueError if its length is zero."""
     vector = finite_vector(v, 3, what)
     length = math.hypot(*vector.tolist())
     if length < 1e-12:
@@ -179,7 +179,7 @@ def normalise(v: ArrayLike, what: str) -> Vector:
 def _pack_target(
     position_m: ArrayLike, direction: ArrayLike | None, orientation: ArrayLike | None
 ) -> Matrix:
-    """Pack position and rotation (4, 3); BadValueError if they are not valid."""
+    """Pack position and rotation (4, 3); raise BadValueError if they are not valid."""
     packed = np.zeros((4, 3))
     packed[0] = array_of_shape(position_m, (3,), "The target position")
     if orientation is not None:
@@ -211,7 +211,7 @@ _MAX_COUNT = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """The largest errors that count as reached.
+    """The largest errors with which a target counts as reached.
 
     Raises:
         BadValueError: A value is not a number above 0.
@@ -243,18 +243,18 @@ class Options:
     """The options for all methods.
 
     Attributes:
-        tolerance: The error that counts as reached.
+        tolerance: The largest errors with which a target counts as reached.
         restarts: Maximum number of starting points, the given start first; the Jacobian methods use
             only the given start.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: Preferred configuration; methods without a null space ignore it.
         trace: Whether the result contains all iterates.
         position_first: Whether the position is met exactly and the orientation as well as possible
-            after that, instead of weighing both; None: if the arm has fewer than six joints.
-        turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
+            after that, instead of weighing both; None: only if the arm has fewer than six joints.
+        turn_weight_m_rad: Position error in metres that counts as much as one radian (``bounded``).
         track: Whether to use one start, and never to pass a limit or change branch (``bounded``).
         nearest: Whether to search for the solution nearest the start if there are several
-            (``auto``); otherwise the first one found is returned.
+            (``auto``); otherwise the first solution found is returned.
     """
 
     tolerance: Tolerance = field(default_factory=Tolerance)

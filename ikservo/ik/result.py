@@ -47,8 +47,8 @@ class SolutionSet:
     Joints that do not move the point, and full revolutions of a joint, do not add solutions.
 
     Attributes:
-        kind: ``none`` (none was found), ``one``, ``several``, a continuous ``family``, or
-            ``unknown`` (there may be others).
+        kind: ``none`` (no solution was found), ``one``, ``several``, a continuous ``family``, or
+            ``unknown`` (there may be more solutions).
         count: The number of solutions, or branches of a family; None if it is unknown.
         freedom: The number of parameters of the family; 0 if there is none.
         directions: The possible directions of the last of three links in a family.

@@ -21,13 +21,13 @@ _REACHED_RAD = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """Joints that point an axis of the tip at a point, or as near to it as the search found.
+    """Joints that point an axis of the tip at a point, or as near to the point as was found.
 
     Attributes:
         q: The joints (dof,), rad or m.
         error_rad: The angle between the axis and the direction to the point.
-        binding: The limits that keep the axis from pointing there.
-        reached: Whether the axis points there.
+        binding: The limits that keep the axis from pointing at the point.
+        reached: Whether the axis points at the point.
     """
 
     q: Vector

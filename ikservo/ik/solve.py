@@ -28,7 +28,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
 
 Method = Callable[[Chain, Target, Vector, Options], Result]
-"""Takes chain, target, start (dof,), also outside the limits, and options; the result is inside."""
+"""Takes chain, target, start (dof,) and options; only the start may be outside the limits."""
 
 METHODS = ("bounded", "closed_form", "pseudo_inverse", "transpose", "ccd")
 """Names of the methods; the modules of all but the first are imported when first used."""
@@ -44,8 +44,8 @@ _MODULES = {
 def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """Run ``bounded``, which is compiled; if it fails, also try the closed form.
 
-    The solution is replaced by one nearer to the start if such a solution is known or found. With a
-    posture, ``pseudo_inverse`` continues from the solution.
+    The solution is replaced if one that is nearer to the start is known or found. With a posture,
+    ``pseudo_inverse`` continues from the solution.
 
     A search that may not restart or leave its branch uses ``bounded`` alone.
     """
@@ -71,7 +71,7 @@ def get_method(name: str) -> Method:
     """Get the method of that name; ``auto`` selects by arm and result.
 
     Raises:
-        UnknownNameError: There is no such method; the existing ones are listed.
+        UnknownNameError: There is no such method; existing methods are listed.
     """
     if check_choice("method", name, ("auto", *METHODS)) == "auto":
         return auto
@@ -110,30 +110,30 @@ def solve(
         chain: The arm, or its model, its name, or the path of its file; the result is never outside
             its limits, not even by one ulp.
         target: The target, or a point (3,) for the tip, metres.
-        q0: The start (dof,), rad or m; may be outside the limits. None: ``initial_joints()`` of
+        q0: The start (dof,), rad or m; may be outside the limits. None uses ``initial_joints()`` of
             the model, where ``ikservo solve`` begins, or the middle of the ranges of a chain, which
             has no poses.
         method: ``auto`` or one of ``METHODS``.
-        tolerance: The largest errors that count as reached.
-        restarts: Maximum number of starting points, the given one first.
+        tolerance: The largest errors with which the target counts as reached.
+        restarts: Maximum number of starting points, the given start first.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: A preferred configuration if the target leaves freedom (``auto`` and
             ``pseudo_inverse``; the other methods have no null space and ignore it).
         trace: Whether the result contains every iterate.
         position_first: Whether the position is met exactly and the orientation as well as possible
-            after that, instead of weighing both; None: if the arm has fewer than six joints.
-        turn_weight_m_rad: Position error in metres that weighs like a radian (``bounded``).
+            after that, instead of weighing both; None: only if the arm has fewer than six joints.
+        turn_weight_m_rad: Position error in metres that counts as much as one radian (``bounded``).
         track: Whether to use one start, and never to pass a limit or change branch (``bounded``).
         nearest: Whether to search for the solution nearest to ``q0`` if there are several
             (``auto``): in closed form if the arm has one, otherwise from some starts around ``q0``.
-            ``False`` takes the first solution found, in a twentieth of the time.
+            ``False`` returns the first solution found, in a twentieth of the time.
 
     Returns:
         The solution, or the nearest posture that was found and its active limits.
 
     Raises:
-        BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or arm or
-            target is missing.
+        BadValueError: q0 has a wrong shape or is not finite, an option is not valid, or the arm or
+            the target is missing.
         UnknownNameError: There is no such arm or method, or the target's frame is not a link of the
             arm.
     """

@@ -41,7 +41,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Compute acos of a cosine, which rounding may have moved just past ±1; None if further out."""
+    """Compute acos of a cosine that rounding may have moved just past ±1; None if it is larger."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -69,7 +69,7 @@ def nearest_equivalent_angle(
 
 
 def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
-    """Compute the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if all satisfy it."""
+    """Compute the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if all angles do."""
     amplitude = math.hypot(a, b)
     if amplitude < _NEAR_ZERO:
         return None if abs(c) < _NEAR_ZERO else ()

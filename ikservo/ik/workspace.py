@@ -130,7 +130,7 @@ def workspace(
     Args:
         chain: The arm.
         T_world_plane: The frame (4, 4) whose plane w = 0 is the slice; None for the whole volume.
-        cell_m: Edge of the cells; None: 5 mm for a slice and 25 mm for a volume.
+        cell_m: Edge of the cells; None means 5 mm for a slice and 25 mm for a volume.
         samples: The number of joint vectors to try first.
         clear: Checks which joint vectors (n, dof) are allowed (n,), for example free of
             collisions; None allows all.
@@ -160,7 +160,7 @@ class _FloodFill:
         self._joints = np.zeros((*grid.shape, chain.dof))
 
     def mark_reached(self, q: Matrix, tip_m: Matrix) -> Cells:
-        """Mark the cells of tips (n, 3) at joints (n, dof); return the new ones (m, 3)."""
+        """Mark the cells of tips (n, 3) at joints (n, dof); return the new cells (m, 3)."""
         cells, exist = self._grid.cells_of(tip_m)
         cells, q = cells[exist], q[exist]
         fresh = ~self.reached[tuple(cells.T)]
@@ -172,7 +172,7 @@ class _FloodFill:
         return np.unique(cells[fresh], axis=0)
 
     def spread(self, cells: Cells) -> None:
-        """Solve for the cells around newly reached ones (n, 3) until no more are reached.
+        """Solve for the cells around newly reached cells (n, 3) until no more cells are reached.
 
         A cell on the border is solved from each of its neighbours, because their joints differ.
         """
@@ -183,7 +183,7 @@ class _FloodFill:
             cells = self.mark_reached(q, tip_positions(self._chain, q))
 
     def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
-        """Return the open cells (m, 3) next to given ones (n, 3), and joints for the latter."""
+        """Return unreached neighbours (m, 3) of cells (n, 3), each with the joints of its cell."""
         around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
         origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
         exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)

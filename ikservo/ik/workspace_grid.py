@@ -77,7 +77,7 @@ def slice_around(points_m: Matrix, T_world_plane: Matrix, cell_m: float) -> Voxe
 
 
 def _bounding_box(points_m: Matrix, frame: Matrix) -> tuple[Vector, Vector]:
-    """Compute corners (3,) of a box around the points, with a margin for what samples miss."""
+    """Compute corners (3,) of a box around the points, with a margin for places samples miss."""
     local = VoxelGrid(frame, np.zeros(3), (1, 1, 1), 1.0).to_grid(points_m)
     lower, upper = local.min(axis=0), local.max(axis=0)
     spare = 0.05 * (upper - lower)
@@ -162,7 +162,7 @@ def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> M
     Args:
         chain: The arm.
         home: Joints (dof,) that point the arm in its usual working direction.
-        yaw_rad: Direction of the plane, about z; None uses that of ``home``.
+        yaw_rad: Direction of the plane, about z; None uses the direction of the arm at ``home``.
 
     Returns:
         T_world_plane (4, 4): u outward, v up, w across; u is 0 at the base's origin.
@@ -178,7 +178,7 @@ def front_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> 
 
 
 def top_plane(chain: Chain, home: ArrayLike, height_m: float | None = None) -> Matrix:
-    """Return the horizontal plane at a height; None: the height of the tip at ``home``."""
+    """Return the horizontal plane at a height; None uses the height of the tip at ``home``."""
     tip = chain.forward(home)[:3, 3]
     return make_pose((0.0, 0.0, float(tip[2]) if height_m is None else height_m))
 

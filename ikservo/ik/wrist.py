@@ -1,8 +1,9 @@
 """Closed forms for a full pose: wrist angles and reach.
 
-Rotations about axes through the wrist's centre do not move it, so that its position determines the
-joints before the wrist; the remaining orientation determines these rotations. Arms have either two
-parallel links and a wrist of three joints, or three parallel links and a wrist of two.
+Rotations about axes through the wrist's centre do not move the centre, whose position therefore
+determines the joints before the wrist; the remaining orientation determines these rotations. Arms
+have either two parallel links and a wrist of three joints, or three parallel links and a wrist of
+two.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def _planar_and_wrist_angles(
 
 
 def candidate_orientations(target: Target, R_start: Matrix) -> Iterator[Matrix]:
-    """Yield orientations (3, 3) that a target allows, beginning with those near the start's."""
+    """Yield orientations (3, 3) that a target allows, beginning with those near the start."""
     if target.rotation is not None:
         yield target.rotation
         return
@@ -83,10 +84,10 @@ _ROLLS = (0.5, 0.25, 0.75, 0.0, 1.0, 0.125, 0.375, 0.625, 0.875)
 
 
 def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
-    """Return the joints that meet the point, with the wrist in its start position.
+    """Return the joints that reach the point, with the wrist in its start position.
 
-    The tool is rotated as near to the aims as the point allows. If the point cannot be met with the
-    roll of the start, the first of a few other rolls that can is used.
+    The tool is rotated as near to the aims as the point allows. If the point cannot be reached with
+    the roll of the start, the first of a few other rolls with which it can be reached is used.
     """
     others = problem.arm.wrist[0].sample_range(_ROLLS) if problem.arm.wrist else ()
     for roll in (problem.start_roll, *others):
@@ -98,7 +99,7 @@ def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
 
 
 def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
-    """Yield the joints that meet the point, and that meet the aims as well as possible.
+    """Yield the joints that reach the point, and that meet the aims as well as possible.
 
     Without a roll, or with a roll that does not move the point, point and aims are over-determined:
     the error of the candidates shows whether the two happen to agree.

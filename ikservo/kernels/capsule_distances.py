@@ -2,7 +2,7 @@
 
 Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so
 that a stream of goals can be checked in real time. The distances equal those of
-``kinematics.body``; a test compares both.
+``kinematics.collision_body``; a test compares both.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def min_distances(
         links: One row per link, parents first; see ``kinematics.packed``.
         capsules: One row per capsule.
         pairs: (m, 3) rows of two capsules, and the column of ``distances`` for the two.
-        floor_m: The height of the table; minus infinity if there is none.
+        floor_m: The height of the table; minus infinity if there is no table.
         shapes: (k, 17) rows; see ``kinematics.packed``.
         postures: Joint vectors (n, dof).
         places: (links, 12), work array: the pose of each link.
@@ -303,7 +303,7 @@ def segment_shape_distance(ends: Matrix, i: int, shapes: Matrix, b: int) -> floa
     """Compute the distance of a segment from a shape; 0 or less if it enters the shape.
 
     The squared distance from a box is convex along the segment, and its slope is linear between the
-    planes of the faces: the minimum is exact. The one from a cylinder is convex, too.
+    planes of the faces: the minimum is exact. The squared distance from a cylinder is convex, too.
     """
     line = np.empty(6)
     for k in range(3):

@@ -26,7 +26,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 uncompiled: dict[str, Callable[..., object]] = {}
-"""Entries as Python functions, by name, even if compiled ones exist."""
+"""Entries as Python functions, by name, even if compiled functions exist."""
 
 _ARRAYS = {
     "Vector": ("float64", 1),
@@ -54,8 +54,8 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
     Args:
         check: A kernel with the same parameters that returns whether the arrays have the shapes,
-            and the indices in them the ranges, that the marked kernel relies on. Types of arrays
-            are also checked; wrong ones raise TypeError.
+            and the indices in them the ranges, that the marked kernel relies on. The types of
+            arrays are also checked; a wrong type raises TypeError.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -132,6 +132,6 @@ def _has_changed(source: str, digest: str) -> bool:
 
 
 def _remove_numba_caches() -> None:
-    """Remove files that versions which compiled at first use left in the user's cache directory."""
+    """Remove the cache files of earlier versions, which compiled on first use, for this user."""
     for folder in user_cache_path("ikservo").glob("kernels-*"):
         shutil.rmtree(folder, ignore_errors=True)

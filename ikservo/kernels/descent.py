@@ -62,7 +62,7 @@ def descent_step(
     n: int,
     work: Matrix,
 ) -> float:
-    """Fill STEP and return its largest entry; call ``evaluate`` and ``update_free_set`` before.
+    """Fill STEP and return its largest entry; call ``evaluate`` and ``update_free_set`` first.
 
     The step of the free joints is scaled to ``radius`` as a whole (lecture L7), so that its
     direction does not change.
@@ -89,7 +89,7 @@ def has_negative_curvature(problem: Vector, kind: int, weight: float, n: int, wo
 
 
 def _scale_into_limits(radius: float, n: int, work: Matrix) -> bool:
-    """Scale the free joints' step; fix joints that would leave their limits; return if none did."""
+    """Scale the free joints' step; fix joints that would leave their limits; True if none would."""
     longest, total = 0.0, 0.0
     for j in range(n):
         if work[FREE, j] == 1.0:
@@ -260,7 +260,7 @@ def set_bounds(arm: Matrix, free_turns: bool, work: Matrix) -> None:
 def wrap_full_turns(arm: Matrix, start: Vector, work: Matrix) -> bool:
     """Bring full-turn joints into their range, as near the start as possible.
 
-    Returns whether a joint was clipped: its range is not quite a full turn.
+    Returns whether a joint was clipped, because its range is not quite a full turn.
     """
     first, clipped = int(arm[0, STEPS]) + 2, False
     for j in range(int(arm[0, DOF])):

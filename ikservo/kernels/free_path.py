@@ -1,4 +1,4 @@
-"""Checks, compiled, whether straight paths of the joints between postures are free, without gaps.
+"""Compiled check that straight joint paths between postures are free, also between samples.
 
 Around a free posture every joint may move some distance before anything can touch: the distance of
 each pair, divided by the rate at which it can shrink. Two postures whose free ranges meet have a
@@ -109,7 +109,7 @@ def first_contact(
         pairs: (m, 3) two links to check, and the column of the two in ``allowed``.
         shapes: (k, 17) one row per obstacle other than the table; see ``kinematics.packed``.
         boxes: (6, k) box around each obstacle: its centre, and half of its size.
-        floor_m: The height of the table; minus infinity if there is none.
+        floor_m: The height of the table; minus infinity if there is no table.
         reach: (pairs of links + links, dof) largest approach of each pair, and largest motion of
             each link, per unit of a joint.
         masses: (bodies, 4) mass [kg] and centre in the frame [m].
@@ -127,8 +127,8 @@ def first_contact(
 
     Returns:
         The fraction of the path where something is nearer than allowed, not always the first;
-        ``FREE`` if nothing is nearer by more than a millimetre. A path of more than tens of metres
-        is not followed to its end, and counts as not free.
+        ``FREE`` if nothing is nearer than allowed by more than a millimetre. A path of more than
+        tens of metres is not followed to its end, and counts as not free.
     """
     stack = np.empty((64, 4))
     for n in range(len(path) - 1):
@@ -227,8 +227,8 @@ def free_fraction(
     """Return the fraction of the path that is free around the first posture, up to ``most``.
 
     If something is nearer than allowed, return -1 - ``hit``: ``hit`` is the row of ``pairs``, or
-    the number of pairs plus that of the link that is too near an obstacle. The given ``hit`` is
-    checked first.
+    the number of pairs plus the number of the link that is too near an obstacle. The given ``hit``
+    is checked first.
     """
     place_links(links, postures[0], places)
     _place_balls(balls, places, centres)
@@ -300,7 +300,7 @@ def _free_of_things(
 
 @vectorised
 def _is_near_box(boxes: Matrix, centres: Matrix, link: int, near_m: float) -> bool:
-    """Check whether a box is nearer to the centre of a link's sphere than a distance."""
+    """Check whether any box is within a distance of the centre of a link's sphere."""
     found, near2 = 0, near_m * near_m
     x, y, z = centres[link, 0], centres[link, 1], centres[link, 2]
     for b in range(boxes.shape[1]):
@@ -315,7 +315,7 @@ def _free_of_shapes(
     capsules: Matrix, spheres: Matrix, balls: Matrix, shapes: Matrix, boxes: Matrix, places: Matrix,
     ends: Matrix, centres: Matrix, allowed: Matrix, row: int, link: int, rate: float, free: float,
 ) -> float:  # fmt: skip
-    """Return the fraction of the path that is free by the distances of one link from obstacles."""
+    """Return the free fraction of the path, given the distances of one link from obstacles."""
     column = allowed.shape[1] - len(balls) * (1 + len(shapes)) + link
     for b in range(len(shapes)):
         near_m = allowed[row, column + b * len(balls)] + balls[link, RADIUS] + free * rate
@@ -405,7 +405,7 @@ def _free_of_pair(
     capsules: Matrix, spheres: Matrix, balls: Matrix, places: Matrix, ends: Matrix, centres: Matrix,
     a: int, b: int, rate: float, allowed_m: float, free: float,
 ) -> float:  # fmt: skip
-    """Return the fraction of the path that is free by the distance between two links."""
+    """Return the free fraction of the path, given the distance between two links."""
     for i in range(int(balls[a, FIRST_CAPSULE]), int(balls[a, LAST_CAPSULE])):
         x, y, z = spheres[_BALL + 1, i], spheres[_BALL + 2, i], spheres[_BALL + 3, i]
         near_m = spheres[_BALL, i] + allowed_m + free * rate

@@ -44,9 +44,9 @@ def nullspace_descent(
 ) -> int:
     """Reduce the orientation error while the position stays; return the number of steps taken.
 
-    Q meets the wanted position, or comes as near as possible. Every iteration takes a step along
-    which the position stays to first order, then corrects the position. The result is kept if it
-    reduces the orientation error.
+    Q reaches the target position, or is as near to it as possible. Every iteration takes a step
+    along which the position stays to first order, then corrects the position. The result is kept if
+    it reduces the orientation error.
     """
     n, kind, weight = int(arm[0, DOF]), int(settings[KIND]), settings[ROTATION_WEIGHT]
     margin_m = _POSITION_MARGIN * settings[TOLERANCE_M]

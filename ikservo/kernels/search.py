@@ -163,7 +163,7 @@ def all_within(values: Vector, furthest: float) -> bool:
 
 
 def is_rotation(problem: Vector, kind: int) -> bool:
-    """Check whether the wanted columns are unit vectors, right-handed and at right angles."""
+    """Check whether the target's columns are unit vectors, right-handed and at right angles."""
     if kind == POSITION_ONLY:
         return True
     W = WANTED_ROTATION
@@ -218,7 +218,7 @@ def fits(
 
 
 def is_packed_chain(arm: Matrix) -> bool:
-    """Check whether an array is of a packed chain's shape, and its columns exist."""
+    """Check whether an array has the shape of a packed chain, and its columns exist."""
     if len(arm) < 2 or arm.shape[1] != WIDTH:
         return False
     steps, n = int(arm[0, STEPS]), int(arm[0, DOF])
@@ -253,7 +253,7 @@ def solve_all(
         seeds: (dof + SEED_SIZE, at least RESTARTS - 1) further starting points.
         work: Work array, at least ``work_shape(dof, RESTARTS)``.
         scores: Work array (SCORE_ROWS, at least RESTARTS).
-        trace: (t, dof), its second half for the iterates of the best attempt; may have no rows.
+        trace: (t, dof); the second half is for the iterates of the best attempt; may have no rows.
         results: (m, 2 * dof + RESULT_TAIL), filled.
 
     Returns:
@@ -274,7 +274,7 @@ def solve_rows(
     trace: Matrix,
     results: Matrix,
 ) -> int:
-    """Like ``solve_all``, for other kernels."""
+    """Solve every problem like ``solve_all``, for calls from other kernels."""
     for i in range(len(problems)):
         if not (all_within(problems[i], MAX_POSITION_M) and all_within(starts[i], MAX_ANGLE_RAD)):
             return i
@@ -298,11 +298,11 @@ def _solve_one(
 ) -> None:
     """Try the starting points until an attempt reaches the target, or refine the best results.
 
-    The best results are refined if no attempt reaches the target. Three phases: QUICK attempts from
-    the start and the seeds; MORE, see below; THOROUGH attempts from the best results. With weights,
-    the attempts of MORE, and some quick ones, start between the best result and the seeds, because
-    a local minimum near the target often lies between them. With POSITION_FIRST the attempts of
-    MORE descend to the wanted position alone, from the results and starts of the first attempts.
+    The best results are refined if no attempt reaches the target. There are three phases: QUICK
+    attempts from the start and the seeds; MORE, see below; THOROUGH attempts from the best results.
+    With weights, the attempts of MORE, and some QUICK attempts, start between the best result and
+    the seeds, because a local minimum near the target often lies between them. With POSITION_FIRST,
+    those of MORE seek only the target position, from results and starts of the first attempts.
     """
     n, restarts = int(arm[0, DOF]), int(settings[RESTARTS])
     first = puts_position_first(settings)

@@ -1,7 +1,7 @@
 """Score start configurations and set up an attempt.
 
-Turning the first joint by δ rotates a seed's tool pose about that joint's z. The inner product
-with the wanted pose is therefore ``a cos δ + b sin δ + c``, whose maximum has a closed form.
+Turning the first joint by δ rotates a seed's tool pose about that joint's z. The inner product with
+the target pose is therefore ``a cos δ + b sin δ + c``, whose maximum has a closed form.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from ikservo.kinematics.packed import COLUMN, POSITION
 def score_seeds(
     arm: Matrix, problem: Vector, settings: Vector, seeds: Matrix, n: int, scores: Matrix
 ) -> None:
-    """Fill SEED_COST with each seed's squared error with the best first joint, up to a constant."""
+    """Fill SEED_COST with each seed's squared error at its best first joint, up to a constant."""
     kind, count = int(settings[KIND]), int(settings[RESTARTS]) - 1
     for k in range(count):
         scores[SEED_COS, k], scores[SEED_SIN, k] = 0.0, 0.0
@@ -102,7 +102,7 @@ def _add_seed_products(
     count: int,
     scores: Matrix,
 ) -> None:
-    """Add the inner products of a wanted vector (v0, v1, v2) with the seeds' rows from ``row``."""
+    """Add the inner products of a target vector (v0, v1, v2) with the seeds' rows from ``row``."""
     x = share * (arm[1, 0] * v0 + arm[1, 3] * v1 + arm[1, 6] * v2)
     y = share * (arm[1, 1] * v0 + arm[1, 4] * v1 + arm[1, 7] * v2)
     z = share * (arm[1, 2] * v0 + arm[1, 5] * v1 + arm[1, 8] * v2)
@@ -171,7 +171,7 @@ def puts_position_first(settings: Vector) -> bool:
 
 
 def reset_scores(restarts: int, scores: Matrix) -> None:
-    """Forget the results of the previous problem's attempts."""
+    """Discard the results of the previous problem's attempts."""
     for k in range(restarts):
         scores[END_COST, k] = math.inf
 
@@ -245,7 +245,7 @@ def _best_end_index(settings: Vector, scores: Matrix) -> int:
 
 @vectorised
 def _least_index(scores: Matrix, row: int, count: int) -> int:
-    """Return the index of the smallest of a row's first entries; of equal ones, the first."""
+    """Return the index of the smallest of a row's first entries; of equal entries, the first."""
     best, least = 0, scores[row, 0]
     for k in range(1, count):
         # kept in a register: reading it from the array would make each comparison wait for the last

@@ -40,7 +40,7 @@ def is_target(packed: Matrix, with_rotation: bool) -> bool:
     """Check whether a target's numbers are finite and not too large, and its rotation is valid.
 
     Args:
-        packed: The wanted position, then the rotation row by row (4, 3).
+        packed: The target position, then the rotation row by row (4, 3).
         with_rotation: Whether the rotation counts.
     """
     problem = np.empty(12)
@@ -112,15 +112,15 @@ def solve_pose(
         scores: See ``solve_all``.
         trace: See ``solve_all``.
         results: (1, 2 dof + RESULT_TAIL), filled.
-        axis: The tool axis (3,) that a direction is compared with, in the tool's frame.
+        axis: The tool axis (3,) with which a direction is compared, in the tool's frame.
         idle: Joints that do not move the tool (k, IDLE_WIDTH): column, lower and upper limit. They
             stay at the start if it is inside the limits; otherwise the caller must move them.
-        T: The wanted pose T_world_tool (4, 4).
+        T: The target pose T_world_tool (4, 4).
         q0: The start (dof,).
 
     Returns:
         IS_REACHED or 0, plus IDLE_OUTSIDE if an idle joint starts outside its limits; INVALID or
-        NOT_HOMOGENEOUS if the pose or the start makes no sense.
+        NOT_HOMOGENEOUS if the pose or the start is not valid.
     """
     if T[3, 0] != 0.0 or T[3, 1] != 0.0 or T[3, 2] != 0.0 or T[3, 3] != 1.0:
         return NOT_HOMOGENEOUS

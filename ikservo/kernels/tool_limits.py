@@ -1,4 +1,4 @@
-"""Compiled projection for searches: move joints so that the tool keeps limits of tilt and place.
+"""Compiled projection for searches: move joints so that the tool keeps its tilt and place limits.
 
 Angles are compared by chords, as in ``forward_kinematics``.
 """
@@ -70,14 +70,14 @@ def limits_fit(
 def project_tool(
     arm: Matrix, limits: Matrix, work: Matrix, target: Vector, aims: bool, joints: Vector
 ) -> bool:
-    """Move joints (n,) to those that keep the limits and are nearest, or nearly so.
+    """Move joints (n,) to the nearest joints that keep the limits, or to nearly the nearest.
 
     Args:
         arm: The packed chain.
         limits: (m, 8) one row per limit.
         work: The work array.
         target: A point (3,) for the tip.
-        aims: Whether the tip must be there.
+        aims: Whether the tip must be at the target.
         joints: The joints (n,) at the start, replaced by the joints that were found.
 
     Returns:

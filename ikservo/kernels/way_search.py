@@ -3,7 +3,7 @@
 Two trees of straight motions grow, one from the start and one from the goals, until they meet
 (Kuffner and LaValle 2000). If the tool is constrained, they grow in short steps, each of which is
 projected back to the constraint (Berenson and others 2009). Motions are checked at samples;
-``first_contact`` proves the final ones.
+``first_contact`` proves that the final motions are free.
 """
 
 from __future__ import annotations
@@ -104,20 +104,16 @@ def grow_trees(
     The arguments up to ``load`` are those of ``first_contact``. The others:
 
     body: (dof, 3) for each joint of the body: its column in a posture, or -1 if it does not move;
-        the unit of that column; its position if it does not move.
-    limits: (2, n) lowest and highest postures of the search.
-    arm: The packed chain of a constrained tool.
-    projected: (k, 8) limits of the tool that a projection meets; no rows for a free tool.
-    kept: (k, 8) limits of the tool that are checked on a motion.
-    tool: (dof of the chain, 2) column and unit of the chain's joints.
-    work: The work array of the chain.
-    joints: (dof of the chain,), work array.
-    buffer: (3, n), work array.
-    nodes: (2 m, n) the postures of the first tree, and from row m on those of the second.
-    parents: (2 m,) the row of the node from which each node was reached; -1 for a root.
-    state: (8,) state of the search, see above, from which it continues.
-    step_m: Largest motion of any point of the arm between two samples of a motion.
-    most: Number of checked postures after which the search pauses, at the end of a step.
+    the unit of that column; its position if it does not move. limits: (2, n) lowest and highest
+    postures of the search. arm: The packed chain of a constrained tool. projected: (k, 8) limits of
+    the tool onto which postures are projected; no rows for a free tool. kept: (k, 8) limits of the
+    tool that are checked on a motion. tool: (dof of the chain, 2) column and unit of the chain's
+    joints. work: The work array of the chain. joints: (dof of the chain,), work array. buffer: (3,
+    n), work array. nodes: (2 m, n) the postures of the first tree, and from row m on those of the
+    second. parents: (2 m,) the row of the node from which each node was reached; -1 for a root.
+    state: (8,) state of the search, see above, from which it continues. step_m: Largest motion of
+    any point of the arm between two samples of a motion. most: Number of checked postures after
+    which the search pauses, at the end of a step.
 
     Returns:
         Whether the trees met; also False if a tree is full.

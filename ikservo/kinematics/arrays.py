@@ -20,7 +20,7 @@ IntMatrix = NDArray[np.int64]
 _FLOAT64 = np.dtype(np.float64)
 # Arrays up to this size are checked faster as a Python list than by NumPy.
 LARGEST = 1e12
-"""Largest number that a program or a file may give, because products of larger ones overflow."""
+"""Largest number that a program or a file may give, because products of larger numbers overflow."""
 _FEW = 16
 
 
@@ -41,7 +41,7 @@ def finite_array(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vector
     """Return ``values`` as an array of floats of that shape.
 
     Raises:
-        BadValueError: They are not numbers, not finite, or have the wrong shape.
+        BadValueError: The values are not numbers, not finite, or have the wrong shape.
     """
     return _require_finite(array_of_shape(values, shape, what), what)
 
@@ -50,7 +50,7 @@ def array_of_shape(values: ArrayLike, shape: tuple[int, ...], what: str) -> Vect
     """Return ``values`` as an array of floats of that shape, finite or not.
 
     Raises:
-        BadValueError: They are not numbers, or have the wrong shape.
+        BadValueError: The values are not numbers, or have the wrong shape.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.shape == shape:
         return values

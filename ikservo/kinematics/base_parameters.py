@@ -34,7 +34,7 @@ _ROUNDING = 1e-12  # fraction of the largest effect
 _MOTIONS = 200  # random motions to evaluate
 
 TYPICAL_PARAMETERS = read_only([1.0, *[0.1] * 3, *[0.01] * 6])
-"""Size of the ten parameters of a body per kg, if it is about 0.1 m long."""
+"""Typical sizes of the ten parameters per kg of a body that is about 0.1 m long."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class BaseParameters:
         The other parameters are zero, so that the result does not describe real bodies.
 
         Raises:
-            BadValueError: The number of parameters is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or a parameter is not finite.
         """
         parameters = np.zeros(self.combination.shape[1])
         parameters[self.columns] = finite_vector(
@@ -107,7 +107,7 @@ def base_parameters(
 def independent_columns(
     regressor: ArrayLike, typical: ArrayLike, tolerance: float = _TOLERANCE
 ) -> BaseParameters:
-    """Return the columns of a stacked regressor that are independent of earlier ones.
+    """Return the columns of a stacked regressor that are independent of earlier columns.
 
     This is the method of Gautier 1991, with the parameters in their order: the parameters of a body
     are combined into those of the bodies that carry it. In the QR decomposition, R has the same

@@ -65,7 +65,7 @@ class Bending:
         return np.tanh(torque / _SIDE_NM)
 
     def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-        """Compute derivatives of the link joints by sensor joints, compliances and half backlashes.
+        """Compute derivatives of link joints with respect to sensors, compliances, half backlashes.
 
         Returns:
             The derivatives (n, dof, dof) with respect to each of these, column by column.

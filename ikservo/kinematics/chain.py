@@ -35,10 +35,10 @@ from ikservo.kinematics.se3 import make_pose
 class Chain:
     """The joints that move the tip, and every link connected to them.
 
-    ``q`` is (dof,): rad for revolute joints, m for prismatic ones, ordered from base to tip. Joints
-    that are not on the path to the tip (a gripper's jaw) are at the value nearest zero inside their
-    limits, so that every link of the arm can be used as a frame. A joint that other joints follow
-    (mimic) has limits that also keep its followers inside their own.
+    ``q`` is (dof,): rad for revolute joints, m for prismatic joints, ordered from base to tip.
+    Joints that are not on the path to the tip (a gripper's jaw) are at the value nearest zero
+    inside their limits, so that every link of the arm can be used as a frame. A joint that other
+    joints follow (mimic) has limits that also keep its followers inside their own.
 
     An arm that bends between its joints' sensors and its links has ``link_joints``: poses are then
     those of the links for joint vectors that the sensors measure; ``jacobian`` refers to the link
@@ -52,7 +52,7 @@ class Chain:
         upper_rad: Upper limits (dof,).
         kinds: The type of each joint.
         link_joints: Computes the link joints (dof,) or (n, dof) from the sensor joints (see
-            ``bending``); None if the arm does not bend between sensors and links.
+            ``Bending``); None if the arm does not bend between sensors and links.
     """
 
     base: str
@@ -110,7 +110,7 @@ class Chain:
         return self if self.link_joints is None else replace(self, link_joints=None)
 
     def joints_to(self, frame: str | None = None) -> tuple[ChainJoint, ...]:
-        """Return the joints from the base to a link (the tip if None), fixed ones included.
+        """Return the joints from the base to a link (the tip if None), including fixed joints.
 
         Raises:
             UnknownNameError: There is no link named ``frame``.
@@ -121,7 +121,7 @@ class Chain:
             raise UnknownNameError("link", str(frame), self._paths) from None
 
     def with_limits(self, lower: ArrayLike, upper: ArrayLike) -> Chain:
-        """Return the same chain inside other limits, (dof,) each, rad or m.
+        """Return the same chain with other limits, (dof,) each, rad or m.
 
         Raises:
             BadValueError: A limit is not a number, a lower limit is above the upper one, a shape is
@@ -215,7 +215,7 @@ class Chain:
         Args:
             q: Joint vector (dof,), rad or m; or many of them, (n, dof).
             frame: Name of a link; the tip if None.
-            offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+            offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
 
         Returns:
             T_world_frame (4, 4), or (n, 4, 4); the offset moves its origin without rotating it.
@@ -241,7 +241,7 @@ class Chain:
         Args:
             q: Joint vector (dof,), rad or m; or many of them, (n, dof).
             frame: Name of a link; the tip if None.
-            offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+            offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
 
         Returns:
             J (6, dof), or (n, 6, dof): linear rows [m/rad or m/m] first, angular rows [rad/rad]
@@ -341,7 +341,7 @@ def joint_torques(
             (0, 0, -9.81 m).
         moment_nm: An additional moment (3,) on the link, newton metres, base frame.
         frame: Name of the link on which the force acts; the tip if None.
-        offset_m: The point (3,) in that link's coordinates, metres; its origin if None.
+        offset_m: The point (3,) in that link's coordinates, metres; the link's origin if None.
 
     Returns:
         tau (dof,): newton metres, newtons for a prismatic joint; positive towards larger q.

@@ -162,7 +162,7 @@ class CollisionBody:
         return PairDistances(self.pairs, gap_m + self._overlap_m)
 
     def floor_distances(self, q: ArrayLike, height_m: float) -> PairDistances:
-        """Return the height of each link except the root above a table, for q (n, dof)."""
+        """Return the height above the table of each link except the root, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
         return self._min_by_link(lowest, "the table")

@@ -111,7 +111,7 @@ def conditioning(
         chain: The arm.
         q: The posture (dof,), rad or m.
         frame: Name of a link; the tip if None.
-        offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+        offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
 
     Raises:
         BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
@@ -144,7 +144,7 @@ def nearest_singularity(
         chain: The arm.
         q: The start (dof,), rad or m; joints outside the limits are clipped to them first.
         frame: Name of a link; the tip if None.
-        offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+        offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
         rotation: Whether a posture also counts if the link loses a rotation with the point at
             rest.
 

@@ -83,7 +83,8 @@ class Dynamics:
 
         Args:
             chain: The joints.
-            masses: The masses of the chain's links, in any order; those of one link add up.
+            masses: The masses of the chain's links, in any order; several masses of one link add
+                up.
             gravity_m_s2: Gravity (3,) in the base frame, downwards. It differs from (0, 0, -9.81)
                 for an arm that is mounted on a wall or under a ceiling.
 
@@ -111,13 +112,13 @@ class Dynamics:
         return self._tree.names
 
     def with_parameters(self, parameters: ArrayLike) -> Dynamics:
-        """Return the same arm with other parameters (10 bodies,), for example identified ones.
+        """Return the same arm with other, for example identified, parameters (10 bodies,).
 
         The parameters need not be possible for real bodies: base parameters alone give the right
         torques.
 
         Raises:
-            BadValueError: The number of parameters is wrong, or one is not finite.
+            BadValueError: The number of parameters is wrong, or a parameter is not finite.
         """
         values = finite_vector(parameters, len(self.parameters), "The vector of parameters")
         return replace(self, parameters=read_only(values))
@@ -133,8 +134,8 @@ class Dynamics:
         Args:
             mass_kg: The mass.
             centre_m: The centre of mass (3,) in the tip's frame.
-            inertia_kg_m2: The tensor (3, 3) about the centre of mass, in the tip's axes; None: a
-                point mass.
+            inertia_kg_m2: The tensor (3, 3) about the centre of mass, in the tip's axes; None means
+                a point mass.
 
         Raises:
             BadValueError: See ``LinkMass``.
@@ -166,7 +167,7 @@ class Dynamics:
         return self._generalized(-moved @ self.gravity_m_s2, q)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Vector:
-        """Compute the torques that give the joints an acceleration (recursive Newton-Euler).
+        """Compute the torques for given joint accelerations (recursive Newton-Euler).
 
         Args:
             q: Joints (dof,) or (n, dof).

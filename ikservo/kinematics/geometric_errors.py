@@ -30,9 +30,9 @@ class GeometricErrors:
     Attributes:
         base_m: Position of the described base (3,), metres, world coordinates.
         base_rad: Rotation vector (3,) of the described base.
-        origins_m: Translation (3,) of a joint's origin from the described one, by joint, metres, in
-            the coordinates of its parent link; the entry of the fixed joint before the tip corrects
-            the tool.
+        origins_m: Translation (3,) of a joint's origin from its described place, by joint, metres,
+            in the coordinates of the parent link; the entry of the fixed joint before the tip
+            corrects the tool.
     """
 
     base_m: Vector = field(default_factory=_no_correction)

@@ -6,8 +6,8 @@ these (Atkeson, An, Hollerbach 1986). The pseudo-inertia matrix holds the same n
 
     P = ∫ [x; 1] [x; 1]ᵀ dm = [[½ tr(I) 1 - I, h], [hᵀ, m]]
 
-and moves from one frame to another as ``P_a = T_a_b P_b T_a_bᵀ`` (Wensing, Kim, Slotine, "Linear
-matrix inequalities for physically-consistent inertial parameter identification", 2018).
+and is transformed from one frame to another by ``P_a = T_a_b P_b T_a_bᵀ`` (Wensing, Kim, Slotine,
+"Linear matrix inequalities for physically-consistent inertial parameter identification", 2018).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def pseudo_inertias(parameters: Vector) -> Matrix:
 
 
 def _basis() -> Matrix:
-    """Compute the derivatives (10, 4, 4) of the pseudo-inertia matrix for the parameters."""
+    """Compute the derivatives (10, 4, 4) of the pseudo-inertia matrix by the parameters."""
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
     for i in range(3):

@@ -18,7 +18,7 @@ class JointIndex:
     """Meaning of each column in a vector of all joints (n,).
 
     Attributes:
-        names: All joints, in the order of the vectors.
+        names: Names of all joints, in the order of vectors (n,).
         chain: The columns of the chain's joints (dof,), base to tip.
         body: The columns that move the collision body: the chain's, then the gripper's if the body
             includes it.

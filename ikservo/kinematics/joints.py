@@ -136,7 +136,7 @@ def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[J
 def make_chain_joint(
     joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
 ) -> ChainJoint:
-    """Make a joint with its index in q; a mimic has its leader's, a held joint has no index."""
+    """Make a joint with its index in q; a mimic has its leader's index, a held joint has none."""
     leader, scale, shift = _resolve_mimic(joint, by_name)
     if leader.name in columns:
         return ChainJoint(joint, columns[leader.name], scale, shift)

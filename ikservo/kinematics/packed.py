@@ -45,9 +45,9 @@ def pack_chain(
     Args:
         chain: The arm.
         frame: Name of a link; the tip if None.
-        offset_m: A point (3,) in that link's coordinates, metres; its origin if None.
+        offset_m: A point (3,) in that link's coordinates, metres; the link's origin if None.
         tool_axis: A unit vector (3,) in that link's coordinates, to which z of the packed tool is
-            aligned; None: the link's own z.
+            aligned; None uses the link's own z.
 
     Raises:
         UnknownNameError: There is no link named ``frame``.

@@ -62,7 +62,7 @@ class Ray:
         """Return the distance to a box, cylinder or sphere, metres; infinite if the ray misses it.
 
         From the point where the ray enters the bounding box, each step is as long as the distance
-        to the surface, so that no step can pass it (sphere tracing). A ray from inside misses.
+        to the surface and cannot pass it (sphere tracing). A ray that starts inside misses.
 
         Args:
             row: The box, cylinder or sphere (17,); see ``kinematics.packed``.

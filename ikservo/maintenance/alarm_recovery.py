@@ -21,9 +21,9 @@ _NEEDS_REBOOT = "keeps its alarm until it restarts: support the arm, then ikserv
 
 @dataclass(frozen=True, slots=True)
 class RecoveryResult:
-    """The recovery of one servo, in words for the user, and its alarms before and after.
+    """The result of one servo's recovery: a text for the user, and the alarms before and after.
 
-    Torque is None if the servo does not reply.
+    ``torque`` is None if the servo does not reply.
     """
 
     servo: ServoSpec

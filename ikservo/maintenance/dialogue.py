@@ -67,7 +67,7 @@ class Choice:
         key: The key on a terminal; empty if there is none.
         wait_s: The time without a change after which a script gives this answer; None if the answer
             is not possible yet.
-        joints: The joints, one of which must be named after the word; empty if none.
+        joints: The joints, one of which must be named after the word; empty if no joint is named.
         joint: The joint to which the key refers; empty if there is none now.
     """
 
@@ -109,9 +109,9 @@ class Question:
     Attributes:
         text: The question.
         unasked: The answer if nobody can be asked.
-        stage: The part of the dialogue to which it belongs.
+        stage: The part of the dialogue to which the question belongs.
         label: A few words on the effect of ``accept``.
-        more: Additional answers if there are buttons.
+        more: Additional answers, for an interface with buttons.
     """
 
     text: str
@@ -148,7 +148,7 @@ class HandRequest:
     """A task for the user with the limp arm; yielded again with each reading of its servos.
 
     Attributes:
-        stage: The part of the dialogue to which it belongs.
+        stage: The part of the dialogue to which the request belongs.
         step: The progress of the dialogue, such as ``Step 2 of 9``.
         text: The task of the user.
         at_s: The time of the reading.
@@ -239,8 +239,8 @@ def read_answers(
 ) -> list[str]:
     """Read the answers from a file, one per line; ``#`` begins a comment.
 
-    ``known`` are the possible answers; a second word in one of them stands for any name. ``former``
-    maps each old word for an answer to its new word.
+    ``known`` are the possible answers; a second word in an answer means any name. ``former`` maps
+    each old word for an answer to its new word.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not an answer.

@@ -2,7 +2,7 @@
 
 Ids, models and offsets can agree although two joints are swapped, a sign is wrong or the geometry
 belongs to another arm, because a servo only measures itself. The user's confirmation is thus saved
-with a fingerprint of everything on which it depends, and repeated if that changes.
+with a fingerprint of everything on which it depends, and requested again if that changes.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class DirectionCheck:
 def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
     """Plan the test motion of a joint, within its limits and free of collisions.
 
-    If both directions are possible, the one with more distance to the limit is chosen.
+    If both directions are possible, the direction with more distance to the limit is chosen.
     """
     joint, start = arm.model.joint(name), _measured_positions(arm)
     low, high = _range(arm, joint)
@@ -71,7 +71,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
 
 def plan_lift(arm: Arm) -> DirectionCheck | None:
-    """Plan the joint motion that best lifts an arm off its support; None if none is useful."""
+    """Plan the joint motion that best lifts an arm off its support; None if no motion is useful."""
     names = [joint.name for joint in arm.model.joints]
     return _plan_best_lift(arm, names, arm.clearance_m, _CLEAR_M)
 
@@ -80,13 +80,13 @@ def check_clearance_m(arm: Arm, name: str) -> float:
     """Compute the clearance of the body during the test motion of a joint and back.
 
     The result is the smaller of the clearances at the start and at the end; of the two possible
-    ends, the one with more clearance counts. It is negative if the body would touch something.
+    ends, the end with more clearance counts. A negative result means a contact.
     """
     return _test_clearance(arm, name)(_measured_positions(arm))
 
 
 def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
-    """Plan another joint's motion that makes room for a test; None if none is useful."""
+    """Plan another joint's motion that makes room for a test; None if no motion is useful."""
     others = [joint.name for joint in arm.model.joints if joint.name != name]
     return _plan_best_lift(arm, others, _test_clearance(arm, name), _MIN_CLEARANCE_M)
 
@@ -94,7 +94,7 @@ def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
 def _plan_best_lift(
     arm: Arm, names: Sequence[str], clearance: Clearance, enough_m: float
 ) -> DirectionCheck | None:
-    """Plan the motion of a joint of ``names`` that gains most clearance; None if none is needed."""
+    """Plan the joint motion, among ``names``, that gains most clearance; None if not needed."""
     start = _measured_positions(arm)
     start_m = clearance(start)
     if start_m >= enough_m:
@@ -116,12 +116,12 @@ def _make_check(arm: Arm, start: Mapping[str, float], name: str, travel: float) 
 
 
 def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint as planned by ``plan_lift`` or ``plan_clearance``; it stays there.
+    """Move a joint as planned by ``plan_lift`` or ``plan_clearance``; the joint stays there.
 
     Raises:
         CalibrationError: The joint did not follow.
         RefusedError: Something is in the way.
-        StoppedError: The user stopped it; the arm holds.
+        StoppedError: The user stopped the motion; the arm holds.
     """
     before = _measured_positions(arm)
     _move_joint(arm, motion.joint, before[motion.joint] + motion.travel)
@@ -129,12 +129,12 @@ def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
 
 
 def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
-    """Move a joint there and back, and check that no other joint moves.
+    """Move a joint by the test motion and back, and check that no other joint moves.
 
     Raises:
         CalibrationError: The joint did not follow, or another joint moved as well.
         RefusedError: Something is in the way.
-        StoppedError: The user stopped it; the arm holds.
+        StoppedError: The user stopped the motion; the arm holds.
     """
     with arm.runner.requested():
         before = _measured_positions(arm)
@@ -182,7 +182,7 @@ def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) 
 
 
 def _range(arm: Arm, joint: ModelJoint) -> tuple[float, float]:
-    """Return a joint's limits inside those of the arm file, beyond which its end stops are."""
+    """Return a joint's limits within the arm file's limits, beyond which there are end stops."""
     state, limits = arm.where()[joint.name], joint.limits
     return max(state.lower_rad, limits.lower.value), min(state.upper_rad, limits.upper.value)
 
@@ -209,7 +209,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.
         RefusedError: Something is in the way.
-        StoppedError: The user stopped it; the arm holds.
+        StoppedError: The user stopped the motion; the arm holds.
     """
     arm.enable()  # a limp arm sinks: motions are measured from where it holds
     with contextlib.suppress(RefusedError):  # the test motions are planned and checked separately
@@ -232,12 +232,12 @@ def show_directions(
 ) -> Dialogue[list[DirectionCheck]]:
     """Move each of the joints slightly and back, and ask whether it moved as described.
 
-    If ``searching``, the arm's end stops will be searched next; it then has no calibration.
+    If ``searching``, the search for end stops comes next, and the arm has no calibration yet.
 
     Raises:
         CalibrationError: A joint is not the expected one; torque stays on.
         RefusedError: Something is in the way.
-        StoppedError: The user stopped it; the arm holds.
+        StoppedError: The user stopped the motion; the arm holds.
     """
     motions: list[DirectionCheck] = []
     for name in names:

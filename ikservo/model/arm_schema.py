@@ -114,7 +114,7 @@ class ArmJoint(StrictModel):
 
 
 class ArmPose(StrictModel):
-    """``[poses.NAME]``: every joint once, revolute ones in degrees, prismatic ones in metres."""
+    """``[poses.NAME]``: every joint once, revolute joints in degrees, prismatic in metres."""
 
     deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
     m: Mapping[Name, float] = Field(default={}, description="joint = metres")

@@ -63,7 +63,7 @@ def catalogue_name(path: Path) -> str | None:
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders that hold one folder per arm; those of ikservo take precedence."""
+    """Return the folders that contain one folder per arm; ikservo's own folders come first."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
     return (shipped if shipped.is_dir() else package.parent / "configs", *_folders_of_others())

@@ -1,4 +1,4 @@
-"""Dynamics of an identified arm: its masses and drives replace those from the tables."""
+"""Dynamics of an identified arm: its masses and drives replace the values from the tables."""
 
 from __future__ import annotations
 

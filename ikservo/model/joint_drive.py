@@ -24,7 +24,7 @@ class JointDrive:
     """All servos of a joint as one drive, in the joint's coordinate.
 
     Units are rad and N m, or m and N for a prismatic joint. Each value can be replaced by an
-    identified one (`dataclasses.replace`).
+    identified value (`dataclasses.replace`).
 
     Attributes:
         stiffness_nm_rad: Torque per rad between goal and joint, at the present P gain.
@@ -45,7 +45,7 @@ class JointDrive:
     sustained_nm: float = inf
 
     def with_gain(self, share: float) -> JointDrive:
-        """Compute the drive at another P gain, given as a fraction of the present one."""
+        """Compute the drive at another P gain, given as a fraction of the present gain."""
         return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * share)
 
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
@@ -137,7 +137,7 @@ def joint_compliances(model: Model, chain: Chain) -> Vector:
 def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
     """Compute the distance from the goal at which friction holds an unloaded joint, rad or m.
 
-    Servos that drive the joint together add to its friction and its stiffness alike.
+    Servos that drive the joint together add equally to its friction and its stiffness.
     """
     torque = find_servo_torque(joint.servo.model, supply_v)
     per_horn_rad = joint.travel_per_turn / tau

@@ -36,7 +36,7 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
     """Compute the servo lag of each joint of a chain in the arm's heaviest posture.
 
     A joint lifts when its motor torque sets it in motion against gravity and the friction of its
-    loaded gears. It lifts the arm with and without the payload at the tip.
+    loaded gears. The heaviest load counts, with or without the payload at the tip.
 
     Returns:
         Lags by joint, without joints whose servos are unknown; empty for an arm without masses.

@@ -123,7 +123,7 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
     Args:
         arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder with one, or to
             a ``.urdf``.
-        tip: The link of the tool; None: the tip in the arm file. Required for a plain URDF.
+        tip: The link of the tool; None uses the tip in the arm file. Required for a plain URDF.
 
     Raises:
         UnknownNameError: There is no arm of that name; the closest name is suggested.

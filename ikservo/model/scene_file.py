@@ -105,9 +105,9 @@ class PlacedArm:
 
     Attributes:
         name: Name for messages; on the page, the name of the open arm.
-        at_m: Origin (3,) of its base frame in the base frame of the scene's arm, metres.
-        rpy_deg: Roll, pitch and yaw (3,) of its base frame, relative to the scene's arm, degrees.
-        arm: The arm's name in the catalogue, or its file; empty: ``name``.
+        at_m: Origin (3,) of this arm's base frame in the base frame of the scene's arm, metres.
+        rpy_deg: Roll, pitch and yaw (3,) of that base frame relative to the scene's arm, degrees.
+        arm: The arm's name in the catalogue, or its file; if empty, ``name`` is used.
         port: The port of the arm; empty if it is not given.
     """
 

@@ -113,7 +113,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
 
     Forwards is the horizontal direction from the base to the tool in pose ``home``; left is 90°
     counter-clockwise from it, seen from above. ``towards`` is +1 for increasing positions, -1 for
-    decreasing ones.
+    decreasing positions.
     """
     if joint.name not in model.chain.names:
         # The direction from the pose rest to the pose home counts as opening

@@ -1,6 +1,6 @@
 """Compute the distance that joints travel after the last goal, divided by their speed.
 
-The goal of a moving joint leads it, because a position servo gives torque only while its joint
+The goal of a moving joint leads it, because a position servo produces torque only while its joint
 lags. When the program is killed, the joint still moves to its last goal, and swings past it if it
 has little damping. With inertia I, damping b, stiffness k, and ``w = sqrt(k / I)``, ``z = b / (2
 sqrt(k I))``, a joint at the speed v continues by v times::

@@ -165,7 +165,7 @@ def parse_link(
 
 
 def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple | None:
-    """Return a visual shape's colour: that of its own material, or of the material it names."""
+    """Return a visual shape's colour, from its own material or from the material that it names."""
     for material in visual.child_elements("material"):
         named = materials.get(material.attributes.get("name", ""))
         return named if (own := _read_colour(material)) is None else own
@@ -342,7 +342,7 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
 
     Args:
         path: The file.
-        folder: The folder of its meshes; None: the folder of the file.
+        folder: The folder of its meshes; None uses the folder of the file.
 
     Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
 

@@ -191,7 +191,7 @@ class Urdf:
         return links[name]
 
     def joints_to(self, link: str) -> tuple[UrdfJoint, ...]:
-        """Return the joints between the root and a link, root first, fixed ones included.
+        """Return the joints between the root and a link, root first, including fixed joints.
 
         Raises:
             UnknownNameError: There is no such link.

@@ -25,7 +25,7 @@ LARGEST_NUMBER = 1e6
 
 @dataclass(slots=True)
 class XmlElement:
-    """One XML element, whose errors name its file and line; ``text_chars`` is its text's length."""
+    """One XML element, whose errors name its file and line; ``text_chars`` is the text's length."""
 
     path: Path
     tag: str

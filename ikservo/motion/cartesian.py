@@ -25,7 +25,7 @@ from ikservo.motion.time_scaling import PathTrajectory
 from ikservo.motion.trajectory import KinematicLimits
 
 ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
-"""Largest angle between the tool's orientation and the desired one that counts as reached [rad]."""
+"""Largest allowed angle between the tool's orientation and the desired orientation [rad]."""
 
 _STEPS_M = (0.002, 0.001, 0.0005)  # spacing of solved points; finer if the tip leaves the path
 _STEP_RAD = 0.02  # largest rotation of the tool between two solved points
@@ -222,8 +222,8 @@ class CartesianTrajectory(PathTrajectory):
     except on its ramps, if the joint limits allow it; in a rounded corner it is lower.
 
     The tool's orientation is kept as well as the arm can: arms of four and five joints keep pitch
-    and roll in the upright plane that their first joint rotates, others the complete orientation.
-    With ``end``, the tool rotates uniformly to the orientation of these joints.
+    and roll in the upright plane that their first joint rotates; other arms keep the complete
+    orientation. With ``end``, the tool rotates uniformly to the orientation of these joints.
 
     Args:
         chain: The arm; ``start`` is inside its limits.
@@ -231,7 +231,7 @@ class CartesianTrajectory(PathTrajectory):
         path: The path of the tip from the start, metres, base frame.
         limits: The kinematic limits of each joint.
         speed_m_s: The maximum speed of the tip; a radian of the tool counts as 0.1 m.
-        tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None: as fast as
+        tool_speed_m_s: The speed of the tip alone, at most ``speed_m_s``; None means as fast as
             possible.
         end: Joints (dof,) with the final orientation of the tool, as far as the arm can reach it on
             its branch.

@@ -34,9 +34,9 @@ class OnlineTrajectory:
         start: The start: joints at rest (n,), rad or m, or the state of a running motion, which
             then comes to rest.
         limits: The kinematic limits of each joint.
-        lower: The lowest positions (n,); None: no bound. A start outside extends the bounds to the
-            start, so that a joint slightly outside can move back.
-        upper: The highest positions (n,); None: no bound.
+        lower: The lowest positions (n,); None means no bound. A start outside extends the bounds to
+            the start, so that a joint slightly outside can move back.
+        upper: The highest positions (n,); None means no bound.
 
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or lower is above upper.
@@ -122,7 +122,7 @@ class OnlineTrajectory:
         return clipped
 
     def set_limits(self, limits: Sequence[KinematicLimits]) -> None:
-        """Set the limits from the next goal on; they must not be slower than before."""
+        """Set the limits that apply from the next goal on; none may be lower than before."""
         self._limits = tuple(limits)
 
     def stop(self, time_s: float) -> None:

@@ -71,7 +71,7 @@ def track_path(
 def _find_obstruction(
     chain: Chain, result: Result, steps: Vector, max_step_rad: float
 ) -> list[str]:
-    """Name the limits that block a step, or the joint that moves too far; empty if none does.
+    """Name the limits that block a step, or the joint that moves too far; empty if neither.
 
     The comparisons are written so that NaN is also refused.
     """

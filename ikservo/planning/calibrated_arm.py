@@ -46,7 +46,7 @@ _HINT = (
 
 
 class ZeroSource(Enum):
-    """The source from which the zeros of an arm's joints are known."""
+    """The source of the zeros of an arm's joints."""
 
     CALIBRATED = "this arm's own"
     VENDOR = "the maker's"
@@ -340,7 +340,7 @@ class CalibratedModel:
 
 
 def calibrated_model(model: Model) -> CalibratedModel:
-    """Read the calibrations of an arm, without a bus; return the arm with the newest one.
+    """Read the calibrations of an arm, without a bus; return the arm as in the newest one.
 
     A URDF without an arm file has no servos, and therefore no calibration.
 

@@ -35,7 +35,7 @@ class ArmContext:
 
     Attributes:
         model: The arm's model.
-        chain: The joints from base to tip, inside this arm's limits.
+        chain: The joints from base to tip, with this arm's limits.
         servos: The servos of the arm.
         port: The serial port of the servos.
         planner: Plans motions without reading a servo.
@@ -114,7 +114,7 @@ class ArmContext:
         self.zeros.require_known(self.model.name)
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lowest and highest positions (n,) in whole ticks, read-only."""
+        """Return the lowest and highest positions (n,), at whole ticks; read-only arrays."""
         low, high = zip(
             *(driven.position_range for driven in self.servos.driven_joints), strict=True
         )
@@ -132,7 +132,7 @@ class ArmContext:
         )
 
     def progress_reporter(self, on_progress: OnProgress | None) -> OnCycle | None:
-        """Return a function that calls ``on_progress`` in every control cycle; None without it."""
+        """Return a control-loop callback that reports to ``on_progress``; None if that is None."""
         return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
 
     def warm_up(self) -> None:
@@ -145,7 +145,7 @@ class ArmContext:
                 self.collision.check_path([joints, joints])
 
     def clearance_m(self, joints: Vector) -> float:
-        """Compute the distance [m] of the body at joints (n,) to itself, the table and the boxes.
+        """Compute the smallest distance [m] between parts of the arm, or to the table or a box.
 
         The distance is infinite if paths are not checked or positions are unknown.
         """

@@ -62,15 +62,15 @@ class MotionPlan:
         speed_reduced: Whether the motion is slower than requested, because the first motion after
             torque on is always slow.
         is_cartesian: Whether the tip moves along straight lines or arcs.
-        cartesian_s: Duration of these lines or arcs, which end the trajectory.
-        tool_speed: The speed of the tip along lines or arcs; None if none was requested.
+        cartesian_s: Duration of these lines or arcs, which are the last part of the trajectory.
+        tool_speed: The speed of the tip along lines or arcs; None if no speed was requested.
         via_pose: The intermediate retract pose; empty if the path is direct.
-        around: The contact on the straight path that this path avoids; empty if straight.
-        kept: A text per constraint on the tool: how near the motion comes to its limit.
+        around: The contact on the straight path that the plan avoids; empty if it is straight.
+        kept: A text for each constraint on the tool: how near the motion comes to its limit.
         clearance_m: Smallest distance on the path between two parts of the arm, or from the arm to
             the table or an obstacle; infinite if paths are not checked.
         planning_s: The time that planning took.
-        names: The joints, in the order of ``start`` and ``goal``.
+        names: Names of the joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
         motion: The requested motion.
         requested: The requested joint goals, rad or m by name; empty for a tip motion.
@@ -130,7 +130,7 @@ class MotionPlan:
         """Format the sampled motion as CSV; if a path is given, also write it to a file.
 
         Raises:
-            BadValueError: See ``sample``; or the file exists and ``overwrite`` is false.
+            BadValueError: ``dt_s`` is not valid; or the file exists and ``overwrite`` is false.
             FileWriteError: The file cannot be written.
         """
         return self.sample(dt_s).to_csv(path, overwrite=overwrite)
@@ -215,7 +215,7 @@ def rebase_trajectory(
     """Return the plan's trajectory, starting from the goals (n,) that the servos hold.
 
     The goals equal the plan's start within a tick, or are slightly inside the limits if a limp
-    joint was outside. A joint motion then starts from the goals; before a line there is a motion to
+    joint was outside. A joint motion then starts from the goals; a line is preceded by a motion to
     its start.
 
     Raises:

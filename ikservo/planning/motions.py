@@ -174,7 +174,7 @@ def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object],
 
 
 def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]:  # noqa: ANN401
-    """Return the parser of a field: that of ``Annotated[type, parse]``, or of the plain type.
+    """Return a field's parser: from ``Annotated[type, parse]``, or the parser of the plain type.
 
     Raises:
         TypeError: The type has no parser.
@@ -232,9 +232,9 @@ class MoveLine(MotionValue[MoveResult]):
 
     Attributes:
         position_m: The point (3,), metres, base frame.
-        tool_speed_m_s: The tip speed, constant except for the ramps at both ends, if the
-            joints and the speed class (0.1, 0.25 or 0.5 m/s) allow it; the plan's ``tool_speed``
-            has the speed that is reached. None: as fast as possible.
+        tool_speed_m_s: The tip speed, constant except for the ramps at both ends, if the joints and
+            the speed class (0.1, 0.25 or 0.5 m/s) allow it; the plan's ``tool_speed`` contains the
+            speed that is reached. None means as fast as possible.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``.
         within: See ``MoveTo``.
@@ -272,7 +272,7 @@ class MoveArc(MotionValue[MoveResult]):
         within: See ``MoveTo``.
 
     Raises:
-        BadValueError: Neither or both of these are given: a via point with an end, or a centre.
+        BadValueError: Both a via point with an end and a centre are given, or neither is.
     """
 
     starts_at_tip = True
@@ -320,15 +320,15 @@ class MoveArc(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class MoveThrough(MotionValue[MoveResult]):
-    """Motion of the tip through points without stopping; it rests at the last one.
+    """Motion of the tip through points without stopping; the tip rests at the last point.
 
     Attributes:
         points_m: The points (k, 3), metres, base frame.
         blend_m: Distance within which the tip passes each point except the last.
         line: Whether the tip moves on straight lines; otherwise, the joints move point to point.
-        tool_speed_m_s: See ``MoveLine``; only on lines.
+        tool_speed_m_s: The tip speed, only on lines; see ``MoveLine``.
         speed: See ``MoveTo``.
-        stance: See ``MoveTo``; at the last point.
+        stance: The stance at the last point; see ``MoveTo``.
         within: See ``MoveTo``.
     """
 
@@ -364,13 +364,13 @@ class MoveThrough(MotionValue[MoveResult]):
 
 @dataclass(frozen=True)
 class Draw(MotionValue[MoveResult]):
-    """Motion of the tip along strokes, lifted between them.
+    """Motion of the tip along strokes; between strokes, the tip is lifted.
 
     Attributes:
         strokes_m: The points (k, 3) of each stroke, metres, base frame.
         lift_m: The height of the tip above the drawing before the first stroke, between strokes,
             and after the last.
-        tool_speed_m_s: See ``MoveLine``; along a stroke.
+        tool_speed_m_s: The tip speed along a stroke; see ``MoveLine``.
         speed: See ``MoveTo``.
         stance: See ``MoveTo``.
         within: See ``MoveTo``.
@@ -396,12 +396,12 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""The motions of the tip; of a motion's path, the planner uses only ``path_from`` if it exists."""
+"""The motions of the tip; if a motion has ``path_from``, the planner gets its path from there."""
 
 
 @dataclass(frozen=True)
 class MoveJoints(MotionValue[JointMoveResult]):
-    """Motion of some joints; the others stay.
+    """Motion of some joints; the other joints keep their positions.
 
     Attributes:
         positions: The goals by joint, rad or m.
@@ -496,8 +496,8 @@ class MoveGripper(MotionValue[GraspResult]):
     Attributes:
         to: open or close; None if a width is given.
         width_m: The distance between the jaws, metres.
-        force: Fraction of its torque that the servo may use, up to 1; None: 0.3. The minimum
-            overcomes the friction of the gears: 0.05, or 0.1 for a 7.4 V STS3215.
+        force: Fraction of its torque that the servo may use, up to 1; None means 0.3. The minimum,
+            which overcomes the friction of the gears, is 0.05, or 0.1 for a 7.4 V STS3215.
     """
 
     to: Annotated[str | None, _choice("gripper motion", ("open", "close"))] = None
@@ -515,7 +515,7 @@ class MoveGripper(MotionValue[GraspResult]):
 
 @dataclass(frozen=True)
 class Wait(MotionValue[None]):
-    """Wait during which the arm holds.
+    """Pause during which the arm holds its position.
 
     Attributes:
         duration_s: The duration in seconds, above 0 and at most an hour.

@@ -93,7 +93,7 @@ class PathConstraint:
 
 
 UNCONSTRAINED = PathConstraint()
-"""The absence of a constraint."""
+"""A constraint that allows everything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +204,7 @@ class ConstrainedTool:
         return np.all(self.excess(joints) <= self._allowed, axis=1)
 
     def project(self, joints: Vector, target_m: Vector | None = None) -> Vector | None:
-        """Find joints (dof,) near the given ones, well inside the limits; None if there are none.
+        """Find joints (dof,) near the given joints, well inside the limits; None if not found.
 
         The tip is at ``target_m`` (3,) if it is given, otherwise free.
         """

@@ -75,8 +75,8 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
 
     The distance is to the nearest point of the part of the path that was commanded from one second
     before the measurement: as in ISO 9283, a lag along the path is not a path error; on a path that
-    crosses itself, the other branch does not count. Times (k,) [s] and points (k, 3) [m] are
-    measured; the commanded points are equally spaced in time.
+    crosses itself, the other branch does not count. ``measured`` contains times (k,) [s] and points
+    (k, 3) [m]; the commanded points are equally spaced in time.
     """
     times_s, points_m = measured
     steps_s, path_m = commanded

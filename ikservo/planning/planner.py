@@ -79,7 +79,7 @@ _PASSED = 0.375
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointGoal:
-    """Joints with the tip at a point.
+    """Joints that place the tip at a point.
 
     Attributes:
         joints: All joints (n,), rad or m.
@@ -103,8 +103,8 @@ class Planner:
 
     Args:
         model: The arm's model.
-        chain: The joints from base to tool, inside this arm's limits.
-        index: The joints in the order of the vectors (n,) of plans.
+        chain: The joints from base to tool, with this arm's limits.
+        index: The columns of the joints in the vectors (n,) of plans.
     """
 
     def __init__(self, model: Model, chain: Chain, index: JointIndex) -> None:
@@ -129,7 +129,7 @@ class Planner:
 
         Raises:
             UnreachableError: No joints inside the limits reach the point; the error has the nearest
-                one.
+                point in reach.
             OrientationError: The tool cannot have the requested orientation there.
             BadValueError: The point is not three finite numbers.
             UnknownNameError: There is no such speed.
@@ -173,7 +173,7 @@ class Planner:
         as the speed class allows.
 
         Raises:
-            UnreachableError: The end, or another point of the path, is out of reach; it is named.
+            UnreachableError: The end, or another point of the path, is out of reach, and named.
             OrientationError: The tool cannot have the requested orientation.
             InputError: The path is impossible, a preferred posture was requested, or the motion
                 would take more than an hour at this speed of the tool.
@@ -247,7 +247,7 @@ class Planner:
     def plan_along(
         self, start: Vector, points: Sequence[Vector], speed: str, blend: float
     ) -> MotionPlan:
-        """Plan a joint motion through points (n,), with rounded corners and a final rest.
+        """Plan a joint motion through points (n,), with rounded corners and rest at the end.
 
         ``blend`` is the distance before a point at which the straight path is left, rad or m.
         """
@@ -286,8 +286,8 @@ class Planner:
         If ``tool`` is constrained, the solutions are inside its limits.
 
         Returns:
-            Distinct solutions: first the solution found from ``start`` (n,), then the others by
-            their distance from it; empty if there is no solution.
+            Distinct solutions: first the solution found from ``start`` (n,), then the others,
+            nearest first; empty if there is no solution.
         """
         target, q0 = Target(position_m), self._index.chain_joints(start)
         if stance.keep:
@@ -375,7 +375,7 @@ class Planner:
 
         Raises:
             UnreachableError: No joints inside the limits reach the point; the error has the nearest
-                one.
+                point in reach.
         """
         solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
         return self._index.with_chain(start, solved.q)
@@ -405,7 +405,7 @@ class Planner:
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
-        """Return the kinematic limits of each joint; a prismatic joint's come from its horn.
+        """Return the kinematic limits of each joint; a prismatic joint has those of its horn, in m.
 
         In every speed class, the speed of a joint is limited so that it travels at most
         ``guard.MAX_TRAVEL_RAD`` after the last goal.

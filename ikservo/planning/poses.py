@@ -1,7 +1,7 @@
 """Taught poses, a small file for each arm and adapter, and poses clamped to the limits.
 
 ``poses/so101-58FA083.toml`` in the user's configuration folder has the form of an arm file's poses,
-degrees for revolute joints and metres for prismatic ones, and may be edited by hand::
+degrees for revolute joints and metres for prismatic joints, and may be edited by hand::
 
     format = 1
     arm = "so101"
@@ -242,8 +242,8 @@ def clamp_pose(
 ) -> PoseWithinLimits:
     """Clamp a named pose to the limits; see ``clamp_positions``.
 
-    The rest pose is clamped however far it is outside, because it must always be possible to lower
-    an arm. Other poses may have joints on their end stops, just beyond a limit.
+    The rest pose is clamped however far outside the limits it is, because it must always be
+    possible to lower an arm. Other poses may have joints on their end stops, just beyond a limit.
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
     return clamp_positions(pose, driven_joints, start, max_rad)

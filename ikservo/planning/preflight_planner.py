@@ -81,7 +81,7 @@ class PlannedStart:
 
     Args:
         joints: All joints (n,).
-        allowed: The speed class in which the motion would run; empty for the motion's own.
+        allowed: The speed class in which the motion would run; if empty, its own speed class.
     """
 
     def __init__(self, joints: Vector, allowed: str = "") -> None:
@@ -306,7 +306,7 @@ class PreflightPlanner:
         return clamp_pose(pose, positions, self._servos.driven_joints, start)
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
-        """Compute the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        """Compute the clearance of the arm [m]; see ``Arm.clearance_m``."""
         names, index = self._servos.names, self._context.index
         by_name = parse_all_positions(positions, names)
         complete = len(by_name) == len(names)
@@ -360,7 +360,7 @@ class PreflightPlanner:
             raise
 
     def rest_pose(self) -> PoseWithinLimits:
-        """Return the rest pose within the limits; a gripper that presses on something stays."""
+        """Return the rest pose within the limits; a gripper that presses keeps its position."""
         rest, gripper = dict(self._model.pose("rest")), self._model.gripper
         start = self._runner.start_position()
         if gripper is not None:
@@ -381,7 +381,7 @@ class PreflightPlanner:
         return plan if held else self.plan(motion)
 
     def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
-        """Make a plan whose path is free: the direct one, or the first free alternative.
+        """Make a plan whose path is free: the direct plan, or the first free alternative.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
@@ -514,7 +514,7 @@ class PreflightPlanner:
                 yield self._check_clear(leaving, self._plan_directly(leaving))
 
     def _ways_out(self, request: _MotionRequest) -> Iterator[tuple[str, MotionPlan]]:
-        """Yield motions out of a contact, each with the retract pose where it ends, or with "".
+        """Yield motions out of a contact, each with the retract pose where it ends; "" if none.
 
         The first motion goes only as far as needed to touch nothing; it has no retract pose.
         """
@@ -570,7 +570,7 @@ def plan_motion(
         UnreachableError: A point is out of reach.
         OrientationError: The tool cannot have the requested orientation there.
         AimError: The tool cannot point at the point.
-        BadValueError: The path of the motion cannot be made from this start.
+        BadValueError: The path of the motion cannot be computed from this start.
     """
     match motion:
         case MoveTo():

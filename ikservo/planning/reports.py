@@ -86,7 +86,7 @@ class ArmState:
 
     @property
     def loads_percent(self) -> Vector:
-        """The loads of the servos (n,); see ``JointState``. NaN if a servo does not report it."""
+        """The loads of the servos (n,); see ``JointState``. NaN if a servo reports no load."""
         loads = (joint.load_percent for joint in self.joints)
         return np.array([np.nan if load is None else load for load in loads])
 
@@ -101,7 +101,7 @@ class ArmState:
         return f"tip {format_point(self.tip_m)}; {positions}; {describe_torque(self.joints)}"
 
     def __repr__(self) -> str:
-        """Show the tip and the positions; ``joints`` has the rest."""
+        """Show the tip and the positions; ``joints`` contains the other values."""
         positions = ", ".join(f"{name}: {at:.4f}" for name, at in self.positions.items())
         tip = ", ".join(f"{x:z.4f}" for x in self.tip_m)
         return f"ArmState(tip_m=({tip}), positions={{{positions}}})"
@@ -116,10 +116,10 @@ class MotionProgress:
         duration_s: The duration of the whole motion; infinite for a motion that continues until it
             is ended.
         tip_m: The measured tip (3,), metres, base frame.
-        joints_rad: The measured joints (n,), rad or m; the last known ones if a reply is missing.
+        joints_rad: The measured joints (n,), rad or m; the last position if a reply is missing.
         setpoints_rad: The setpoints of the joints (n,); the servos' goals lead them by the effect
             of load and friction.
-        names: The joints, in the order of the arrays.
+        names: Names of the joints, in the order of the arrays.
     """
 
     elapsed_s: float
@@ -320,7 +320,7 @@ class FollowResult:
         measured_rad: The joints at the end, corrected, rad or m by name.
         measured_tip_m: The tip at the end (3,), metres.
         duration_s: Time from the first target to rest, including the correction.
-        warnings: The warnings during the motion: heat, or a servo that will soon protect itself.
+        warnings: The warnings during the motion: a servo is hot, or is about to protect itself.
     """
 
     setpoints: int

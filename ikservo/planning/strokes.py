@@ -33,7 +33,7 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
     up, to a point above the next stroke, and so on; it ends above the last point.
 
     Raises:
-        UnreachableError: A point is out of reach; the first one and its stroke are named.
+        UnreachableError: A point is out of reach; the error names the first one and its stroke.
         OrientationError: The tool cannot have the requested orientation there.
     """
     strokes: list[Matrix] = []
@@ -68,7 +68,7 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
 
 @contextmanager
 def _at(place: str) -> Generator[None]:
-    """Add the place in the drawing where an error occurred to its message."""
+    """Add to the message of an error the place in the drawing where the error occurred."""
     try:
         yield
     except UnreachableError as error:

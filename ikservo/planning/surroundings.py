@@ -51,7 +51,7 @@ class Turn:
 
 
 def other_moves(name: str) -> RefusedError:
-    """Return the error for an arm that must not move because another arm, which is named, moves."""
+    """Return the error for an arm that must not move while the arm with this name is moving."""
     return RefusedError(
         f"{name}, which is in reach, is moving.",
         "Only one of the two arms may move at a time. Wait until the other arm is at rest.",
@@ -89,7 +89,7 @@ class Surroundings:
             checkers that are in use do not change.
         others: The other arms in reach.
         contacts: The pairs of the checker, and the depths (pairs,) at which their contacts began,
-            as negative distances [m], -inf without contact; None: unknown.
+            as negative distances [m], -inf without contact; None if unknown.
     """
 
     checker: CollisionChecker | None
@@ -102,7 +102,7 @@ class Surroundings:
     _lock: RLock = field(default_factory=RLock, repr=False)
 
     def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Set the arm's body and the obstacles around it; other arms stay where they were seen."""
+        """Set the arm's body and the obstacles around it; other arms keep their last places."""
         with self._lock:
             self._body, self._things, self._sag = body, tuple(things), sag
             self._put_among(self._seen)

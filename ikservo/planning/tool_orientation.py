@@ -35,7 +35,7 @@ class ToolOrientation:
             level.
         direction: The direction of the tool axis (3,), base frame, of any length.
         keep: Whether the complete orientation of the start is kept in the base frame.
-        posture: Preferred joint positions instead, if the point leaves a choice (lecture L10).
+        posture: Preferred joint positions instead, used if the point leaves a choice (lecture L10).
         orientation: The complete orientation R_base_tip (3, 3). An arm with fewer than six joints
             reaches it at only a few points.
         within_rad: The largest deviation of the tool from the pitch, roll, direction or
@@ -115,7 +115,7 @@ class ToolOrientation:
         return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
 
     def varied(self, random: np.random.Generator) -> ToolOrientation:
-        """Return a random orientation within the tolerance, or this one without a tolerance."""
+        """Return a random orientation within the tolerance; this one if there is no tolerance."""
         if self.within_rad is None:
             return self
         most, axis = self.within_rad, random.normal(size=3)
@@ -146,7 +146,7 @@ class ToolOrientation:
 
 
 KEEP_BEST_EFFORT = ToolOrientation()
-"""The absence of a constraint."""
+"""No constraint: the arm keeps the tool's orientation as well as it can."""
 
 
 def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
@@ -163,7 +163,7 @@ def check_orientation(stance: object, orientation: ArrayLike | None = None) -> T
 
 
 MAX_HEADING_ITERATIONS = 6
-"""Number of updates of the tool's heading from the solution."""
+"""Number of times that the tool's heading is updated from the solution."""
 
 KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4  # below it, the error or change of the heading has converged
 POSITION_TOLERANCE_M = 1e-5  # a larger error of the tip means that the point is out of reach
@@ -315,7 +315,7 @@ class OrientationSolver:
                 return
 
     def _solve_target(self, desired: Matrix | Vector | None, q: Vector) -> Iterator[Result]:
-        """Yield solutions with the point and an orientation (3, 3) or direction (3,)."""
+        """Yield solutions that reach the point with an orientation (3, 3) or direction (3,)."""
         of_axis = desired is None or desired.ndim == 1
         target = Target(
             self._target.position,
@@ -351,7 +351,8 @@ def solve_with_orientation(
     The present joints (dof,) define the start and the orientation to keep.
 
     Returns:
-        The solution; its orientation error is that of the tool, ``reached`` is for the point.
+        The solution; its orientation error is that of the tool, and ``reached`` refers to the
+        point.
 
     Raises:
         OrientationError: The error of a requested orientation exceeds its tolerance.

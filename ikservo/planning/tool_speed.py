@@ -26,7 +26,7 @@ class ToolSpeed:
         requested_m_s: The constant speed that was requested.
         top_m_s: The highest speed of the motion.
         slowest_m_s: The lowest speed between the first and last instants at the requested speed;
-            the highest speed if the requested one is never reached.
+            the highest speed if the requested speed is never reached.
         limited_by: The limit that keeps the tool from the requested speed.
     """
 

@@ -131,7 +131,7 @@ def via_pose_plan(
 ) -> MotionPlan:
     """Return a plan that moves to a pose, stops there, and continues from it.
 
-    The change of orientation counts from the start of ``first`` to the goal of ``then``.
+    The change of orientation is measured from the start of ``first`` to the goal of ``then``.
     """
     return replace(
         then,

@@ -103,11 +103,11 @@ class ControlTable:
         baud_rates: The rate [bit/s] of each code in the baud rate register.
         alarm_bits: The meaning of each bit of the alarm register.
         eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
-            one that can be unlocked again.
+            such a register that can be unlocked again.
         position_modes: Numbers of the operating modes that hold a position, single-turn mode first;
             empty for a family without such a register.
-        fine_speed_bit: Bit of the register ``phase`` that makes a count of speed 1 tick/s instead
-            of 50; 0 if the unit is fixed.
+        fine_speed_bit: Bit of the register ``phase`` that makes one count of speed 1 tick/s instead
+            of 50 tick/s; 0 if the unit is fixed.
         bulk_read: Whether the model supports bulk read; only used for protocol 1.0.
         missing: Register names that the model does not have.
         lacks: Rows of the series that the model does not have, by their vendor names.

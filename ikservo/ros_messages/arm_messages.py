@@ -17,7 +17,7 @@ from ikservo.ros_messages.message_types import encode, make
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A ROS 2 topic, with its leading slash; a latched one keeps its last message."""
+    """A ROS 2 topic, with its leading slash; a latched topic keeps its last message."""
 
     name: str
     kind: str
@@ -61,7 +61,7 @@ class ArmMessages:
         return self._joints(GOAL, time_ns, positions)
 
     def transforms(self, time_ns: int, positions: Mapping[str, float]) -> RosMessage:
-        """Return the message with link poses in their parents, at positions of all joints."""
+        """Return the message with each link's pose in its parent, at positions of all joints."""
         T = self._transforms.poses(np.array([positions[name] for name in self._names]))
         turned = quaternions(T[:, :3, :3]).tolist()
         rows = [

@@ -16,7 +16,7 @@ class LinkTransforms:
 
     Args:
         chain: The arm.
-        names: All joints with a servo, in the order of the vectors (n,).
+        names: Names of all joints with a servo, in the order of the vectors (n,).
 
     Attributes:
         links: Parent and child of each pose (k).

@@ -1,4 +1,4 @@
-"""Types of ROS 2 Jazzy that rosbags does not know: services and the trajectory action.
+"""Types of ROS 2 Jazzy that rosbags does not contain: services and the trajectory action.
 
 For its hash, a service is described as a message with request, response and event, and an action as
 two services and a message that contain the goal's id.
@@ -26,7 +26,7 @@ _JOINT_TOLERANCE = "control_msgs/msg/JointTolerance"
 _COMPONENT_TOLERANCE = "control_msgs/msg/JointComponentTolerance"
 
 Fields = Mapping[str, str]
-"""Type of each field; suffix ``[]``: a sequence, ``[<=1]``: at most one, ``[16]``: 16 items."""
+"""Type of each field; ``[]`` marks a sequence, ``[<=1]`` at most one item, ``[16]`` 16 items."""
 
 _MESSAGES: Mapping[str, Fields] = {
     EVENT_INFO: {

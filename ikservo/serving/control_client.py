@@ -124,9 +124,9 @@ class StopResult:
         port: The port of the arm.
         moving: Whether another program was moving the arm.
         held: The joints that hold.
-        limp: Joints without torque; nothing was changed there.
+        limp: Joints without torque; their servos were not changed.
         silent: Joints that did not reply.
-        latched: Whether a program has the arm and moves it only after the stop is acknowledged.
+        latched: Whether a program has the arm and moves it only once the stop is acknowledged.
     """
 
     arm: str
@@ -182,7 +182,7 @@ def send_command(
 ) -> Any:  # noqa: ANN401  # any JSON value
     """Send a command to the process that has a device open.
 
-    The device has any of its names; the arm's is needed if the process has two arms on it.
+    ``device`` is any name of the device; ``arm`` is needed if the process has two arms on it.
 
     Returns:
         The result as JSON values, or None if no process listens.
@@ -244,7 +244,7 @@ def _exchange_lines(connection: socket.socket, request: Request, timeout_s: floa
 
 
 def request_stop(device: str, arm: str) -> StopResult | None:
-    """Stop an arm through the program that has its port open; return None if there is none.
+    """Stop an arm through the program that has its port open; return None if no program has.
 
     Raises:
         IkservoError: That program cannot stop the arm.

@@ -29,7 +29,7 @@ _MAX_PATH_CHARS = 100
 def socket_path(device: str, arm: str = "") -> Path:
     """Return the socket path of a device; it is the same for all names of the device.
 
-    ``arm`` is named if another arm on this device listens at the path without a name.
+    ``arm`` is given if another arm on this device listens at the path without a name.
     """
     real = device if "://" in device else os.path.realpath(device)
     real += f"#{arm}" if arm else ""
@@ -70,7 +70,7 @@ def _socket_folder() -> Path:
 
 
 def _shorten_path(path: Path) -> Path:
-    """Find a short path as a replacement for one that is too long for an address."""
+    """Find a short path that replaces a path that is too long for an address."""
     folder = hashlib.sha256(os.fsencode(path.parent)).hexdigest()[:16]
     return Path(tempfile.gettempdir()) / f"ikservo-{_user_id()}" / f"{folder}-{path.name}"
 

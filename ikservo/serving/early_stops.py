@@ -22,7 +22,7 @@ _MAX_AGE_S = 600.0
 
 
 def leave_mark(device: str = "", arm: str = "") -> None:
-    """Stop running programs (of one port, of one arm) before they move; ignore write errors."""
+    """Stop running programs (all, or of one port or arm) before they move; ignore write errors."""
     path = _mark_path(device, arm)
     with contextlib.suppress(OSError, IkservoError):
         make_private_directory(path.parent)
@@ -48,7 +48,7 @@ def has_mark(device: str, arm: str) -> bool:
 
 
 def forget_marks() -> None:
-    """Ignore earlier stops for arms that this program opens next, because it knows about them."""
+    """Ignore earlier stops for arms that this program opens next, because it has handled them."""
     global _forgotten_s  # noqa: PLW0603  # one value for the whole program
     _forgotten_s = time.monotonic()
 

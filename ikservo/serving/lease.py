@@ -21,7 +21,7 @@ _MAX_AHEAD_S = 0.3  # a message further ahead means that the clocks were not com
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """The operator who controls an arm, the proof of it, and its start by the server's clock."""
+    """The operator who controls an arm: lease, name, and start of control by the server's clock."""
 
     lease: str
     operator: str
@@ -95,7 +95,7 @@ class ArmLease:
     def acquire(self, operator: str, *, take_over: bool = False) -> Holder:
         """Give the lease to an operator.
 
-        ``take_over`` takes the lease from the holder, as the pages of one person do.
+        With ``take_over``, the lease is taken from its holder; pages of the same user do this.
 
         Raises:
             RefusedError: Another operator controls the arm, or the lease was closed.

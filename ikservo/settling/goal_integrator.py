@@ -1,4 +1,4 @@
-"""The goal of one joint during settling: integrated, relieved, and softened during a swing."""
+"""The goal of one joint during settling: integrate errors, relieve friction, soften swings."""
 
 from __future__ import annotations
 
@@ -57,12 +57,13 @@ class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
-    When it has crossed the target, or is pressed away from it, an error of one tick is accepted,
-    because reversing would cross the backlash and make it jump further. Each time it jumps over the
-    target again, the accepted error doubles. When it arrives, its goal goes back from the edge of
-    the friction band, so that friction does not release it again. The servo of a joint that swings
-    is softened until the joint rests (``SwingDamper``); the joint is then corrected slowly. If this
-    starts swings repeatedly, the goal stays.
+    When the joint has crossed the target, or is pressed away from it, an error of one tick is
+    accepted, because a reversal would cross the backlash and make the joint jump further. Each time
+    the joint jumps over the target again, the accepted error doubles. When the joint arrives, its
+    goal is moved back from the edge of the friction band, so that friction does not release the
+    joint again. The servo of a joint that swings is softened until the joint rests
+    (``SwingDamper``); the joint is then corrected slowly. If correction starts swings repeatedly,
+    the goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -76,7 +77,7 @@ class GoalIntegrator:
         goal: The goal of a joint at rest, ticks with fraction.
         at: The last measured position, ticks.
         still_since_s: Time since which the joint is within sensor noise of its position.
-        moved_s: Time of the last change of position, without changes back due to noise.
+        moved_s: Time of the last change of position; changes back due to noise do not count.
     """
 
     def __init__(

@@ -45,7 +45,7 @@ class SettlingTrajectory:
         limits: The kinematic limits of each joint.
         stuck: The lowest and highest leads of goals (n,) at which friction keeps the joints still.
         is_reached: Returns whether the tool is at its target at the measured joints (n,), even if
-            not every joint is at its own; goals then stay, and the trajectory ends at rest.
+            not every joint is at its own target; goals then stay, and the trajectory ends at rest.
     """
 
     def __init__(
@@ -211,7 +211,7 @@ def settle(
 ) -> SettlingResult:
     """Correct the goals until the joints are at their target, or as close as possible.
 
-    If a joint cannot move further, the others compensate for it once.
+    If a joint cannot move further, the other joints compensate for this once.
 
     Args:
         loop: Streams to the servos.

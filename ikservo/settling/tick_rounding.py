@@ -16,7 +16,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motion_plan import MotionPlan
 
 ROTATION_WEIGHT_M = 0.01
-"""Position error that weighs as much as a rotation error of one radian: 0.17 mm per degree."""
+"""Position error that counts as much as a rotation error of one radian: 0.17 mm per degree."""
 
 # A joint does not leave the solver's result by a tick for a smaller gain, because that is where the
 # motion ends, and a joint held by friction does not move by just one tick.
@@ -33,11 +33,12 @@ def round_to_ticks(
 ) -> tuple[int, ...]:
     """Compute the whole ticks near ``q`` with the smallest error of the tool.
 
-    Every joint's rounding moves the tool slightly; a few ticks in one joint compensate for that of
-    another. The search is for the integers d with the least ``|E - A d|²``, where A is the motion
-    of the tool per tick of each joint: three rows for its position, three for its rotation away
-    from the one at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations within a few ticks
-    are tried, except for the joint that moves the tool most: its best tick follows from the others.
+    Every joint's rounding moves the tool slightly; a few ticks in one joint compensate for the
+    rounding of another. The search is for the integers d with the least ``|E - A d|²``, where A is
+    the motion of the tool per tick of each joint: three rows for its position, three for its
+    rotation away from the orientation at ``q``, weighted by ``ROTATION_WEIGHT_M``. All combinations
+    within a few ticks are tried, except for the joint that moves the tool most: its best tick
+    follows from the ticks of the others.
 
     Args:
         chain: The joints from base to tool.
@@ -46,7 +47,7 @@ def round_to_ticks(
         driven_joints: The joints of the chain, in its order.
 
     Returns:
-        Ticks by joint, inside the limits, and never worse than the nearest ones.
+        Ticks by joint, inside the limits, and never worse than the nearest ticks.
     """
     low, high = np.transpose([driven.tick_range for driven in driven_joints])
     nearest = [driven.tick(at) for driven, at in zip(driven_joints, q.tolist(), strict=True)]
@@ -154,10 +155,10 @@ _MAX_STEP_RAD = 0.05
 
 
 def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str]) -> Vector | None:
-    """Compute joints (dof,) near ``q`` that bring the tip to its target while some are held.
+    """Compute joints (dof,) near ``q`` that bring the tip to its target while some joints are held.
 
     Damped least squares (lecture L8) without the columns of the held joints give the smallest step
-    of the others.
+    of the other joints.
 
     Args:
         chain: The joints from base to tool.
@@ -166,7 +167,7 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
         held: Names of the joints that stay.
 
     Returns:
-        The joints, or None if the others cannot halve the error.
+        The joints, or None if the other joints cannot halve the error.
     """
     free = np.array([name not in held for name in chain.names])
     low, high = chain.clip(q - _MAX_STEP_RAD), chain.clip(q + _MAX_STEP_RAD)

@@ -110,7 +110,7 @@ def command(
 
 @contextmanager
 def _keep_going_check(machine: OpenArm, time_s: float | None) -> Generator[KeepGoing]:
-    """Yield a function that returns whether to continue, until a time or while a key is held."""
+    """Yield a function that returns True for a given time, or while the space bar is held."""
     if time_s is not None:
         yield _duration_check(machine, time_s)
         return
@@ -122,7 +122,7 @@ def _keep_going_check(machine: OpenArm, time_s: float | None) -> Generator[KeepG
 
 
 def _duration_check(machine: OpenArm, duration_s: float) -> KeepGoing:
-    """Return a check for a time that starts with the motion, after torque is switched on."""
+    """Return a function that returns True until a duration has passed since its first call."""
     end_s = math.inf
 
     def keep_going() -> bool:

@@ -248,13 +248,13 @@ def _render_screen(here: ArmState, model: Model, width: int) -> Group:
 
 
 def heat_colour(temperature_c: float, limits: HealthLimits) -> str:
-    """Return red at or above the temperature of a stop, yellow at or above that of a warning."""
+    """Return red at or above the stop temperature, yellow at or above the warning temperature."""
     hot, warm = (temperature_c >= c for c in (limits.hold_c, limits.warn_c))
     return "red" if hot else "yellow" if warm else ""
 
 
 def limit_colour(state: JointState, unit: str) -> str:
-    """Return red outside the limits, yellow near one."""
+    """Return red outside the limits, yellow near a limit."""
     joint = (state.position_rad, state.lower_rad, state.upper_rad)
     if limit_distance(*joint) < 0.0:
         return "red"

@@ -262,7 +262,7 @@ class Dynamixel1Driver(Protocol1Driver):
         return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes from each servo; those without bulk read one after another."""
+        """Read different bytes from each servo; servos without bulk read are read one by one."""
         together = {i: span for i, span in spans.items() if i in self._bulk_ids}
         if len(together) < 2:
             return super().bulk_read(spans)

@@ -79,9 +79,9 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
 
 
 def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
-    """Check whether an expected packet begins inside this one and ends after it.
+    """Check whether an expected packet begins inside this packet and ends after it.
 
-    Such a packet consists of a truncated packet and the beginning of the next packet: its checksum
+    This packet then consists of a truncated packet and the beginning of the next one; its checksum
     is right by chance in one of 256 cases.
     """
     inner = data.find(_HEADER, at + 1, end + 1)
@@ -147,7 +147,7 @@ class Protocol1Codec:
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is not one."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; else return None."""
         raise NotImplementedError
 
 

@@ -29,7 +29,7 @@ def stuff(inside: bytes) -> bytes:
 def unstuff(inside: bytes) -> bytes:
     """Remove the FD after each FF FF FD.
 
-    The SDK's own ``removeStuffing`` searches FF FF FD FD in data that is not yet unstuffed and
+    The SDK's own ``removeStuffing`` searches for FF FF FD FD in data that is not yet unstuffed and
     loses a byte of ``FF FF FD FF FD FD`` and similar data (docs/sdk-defects.md D2).
     """
     return inside.replace(_STUFFED, _UNSTUFFED)
@@ -150,7 +150,7 @@ class Protocol2Codec:
         return Status(frame.servo_id, frame.data, alert)
 
     def _packet_length(self, data: bytes, at: int) -> int:
-        """Compute the length of the packet that begins here: 0 without one, large if unknown."""
+        """Compute the length of the packet that begins here; 0 for no packet, large if unknown."""
         start = data[at : at + _INSIDE]
         if start[:4] != _HEADER[: len(start)]:
             return 0

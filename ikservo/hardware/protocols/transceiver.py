@@ -94,7 +94,7 @@ class ReplyReader:
         return early <= 0
 
     def _parse_received(self, *, final: bool) -> None:
-        """Find frames and replies in all received bytes, after our own echo (F12)."""
+        """Find frames and replies in all received bytes, after the echo of the request (F12)."""
         raw, sent = bytes(self._raw), self._port.sent
         if self._port.echoes is not False:
             # The reply to a ping may consist of the same bytes as the ping.
@@ -155,7 +155,7 @@ class ReplyReader:
         return self._replies | faults
 
     def _update_line_health(self) -> None:
-        """Update timeout and byte rate if no reply came; first look for an echo-like reply."""
+        """Update timeout and byte rate if no reply arrived; first look for an echo-like reply."""
         port = self._port
         if bytes(self._raw) == port.sent and port.echoes is None and not any(self._sizes.values()):
             # A reply may equal its request: a Feetech ping under a voltage alarm.
@@ -190,7 +190,7 @@ class Transceiver:
     def choose_window(
         self, servo_ids: tuple[int, ...], span: MemoryRange, size_of: Callable[[int], int] = int
     ) -> MemoryRange:
-        """Choose the memory window that is read now to get a span.
+        """Choose the memory window to read for a span.
 
         The window is the span itself unless a reply of that length is still pending from one of the
         servos; see ``PendingReplies``. If replies of every length are pending, this method waits.
@@ -303,14 +303,14 @@ CacheKey = tuple[int, int, bytes]
 
 
 class RepeatedPackets:
-    """Cache of packets without values, which the SDK builds once and a program repeats."""
+    """Cache of repeated packets without values, so that the SDK builds each of them only once."""
 
     def __init__(self, port: Port, cacheable: frozenset[int]) -> None:
         self._port, self._cacheable = port, cacheable
         self._packets: dict[CacheKey, bytes] = {}
 
     def send(self, key: CacheKey) -> int | None:
-        """Clear the input and send a recorded packet; return the result code; None: no record."""
+        """Clear the input and send a recorded packet; return the result code; None if unknown."""
         packet = self._packets.get(key)
         if packet is None:
             return None
