@@ -158,9 +158,7 @@ def test_invalid_scene_is_refused_by_view(run_cli, tmp_path, arms, scene, senten
         ("--port sim --record {}", "is not a data set"),
     ],
 )
-def test_unusable_data_set_for_episodes_is_refused_before_serving(
-    run_cli, tmp_path, line, sentence
-):
+def test_view_refuses_unusable_data_set_before_serving(run_cli, tmp_path, line, sentence):
     (tmp_path / "mine.txt").write_text("mine")
     done = run_cli(f"view --no-open {line.format(tmp_path)}")
     assert done.code == 2

@@ -45,7 +45,7 @@ def statistics_of(folder):
     return json.loads((folder / "meta" / "stats.json").read_text())
 
 
-def test_new_data_set_has_episodes_pictures_and_their_description(tmp_path):
+def test_new_data_set_has_pictures_and_their_description(tmp_path):
     folder = tmp_path / "set"
     writer(folder).add([episode(5)])
     info = info_of(folder)
@@ -124,14 +124,14 @@ def test_damaged_data_set_is_not_continued(tmp_path, spoil):
                 {"cameras": []}],
     ids=["other joints", "another rate", "one camera more", "no camera"],
 )  # fmt: skip
-def test_data_set_of_other_joints_rate_or_cameras_is_not_continued(tmp_path, changes):
+def test_data_set_of_another_arm_or_rate_is_not_continued(tmp_path, changes):
     folder = tmp_path / "set"
     writer(folder).add([episode(5)])
     with pytest.raises(FileFormatError, match="cannot be continued"):
         writer(folder, **changes)
 
 
-def test_pictures_of_another_size_are_refused_and_nothing_changes(tmp_path):
+def test_pictures_of_another_size_are_refused(tmp_path):
     folder = tmp_path / "set"
     added = writer(folder)
     added.add([episode(5)])
@@ -174,7 +174,7 @@ def samples(times_s, delays_s, references):
     ]  # fmt: skip
 
 
-def test_joints_are_interpolated_between_the_times_of_their_readings():
+def test_joints_are_interpolated_between_their_readings():
     rng = np.random.default_rng(5)
     times_s = np.cumsum(rng.uniform(0.02, 0.05, 200))
     found = resample(samples(times_s, rng.uniform(0, 0.015, 200), [0.5] * 200), JointValues(MODEL))

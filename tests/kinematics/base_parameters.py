@@ -14,16 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError
-from ikservo.kinematics.arrays import (
-    IntVector,
-    Matrix,
-    Vector,
-    as_floats,
-    finite_array,
-    finite_vector,
-    read_only,
-)
+from ikservo.kinematics.arrays import IntVector, Matrix, Vector, read_only
 from ikservo.kinematics.dynamics import Dynamics
 
 # A parameter counts as without effect if its effect on the torques is a smaller fraction of the
@@ -57,14 +48,9 @@ class BaseParameters:
         """Return parameters (p,) that give the torques of base parameters (b,).
 
         The other parameters are zero, so that the result does not describe real bodies.
-
-        Raises:
-            BadValueError: The number of parameters is wrong, or a parameter is not finite.
         """
         parameters = np.zeros(self.combination.shape[1])
-        parameters[self.columns] = finite_vector(
-            base_values, len(self.columns), "The vector of base parameters"
-        )
+        parameters[self.columns] = base_values
         return parameters
 
 
@@ -76,7 +62,7 @@ def base_parameters(
     tolerance: float = _TOLERANCE,
     seed: int = 0,
 ) -> BaseParameters:
-    """Compute the base parameters of an arm from random motions inside its limits.
+    """Return the base parameters of an arm from random motions inside its limits.
 
     Args:
         dynamics: The arm; only its geometry and gravity matter, not its parameters.
@@ -85,20 +71,15 @@ def base_parameters(
             acceleration, the result contains only what postures at rest determine.
         tolerance: See ``independent_columns``.
         seed: The seed of the random numbers; other motions give the same columns.
-
-    Raises:
-        BadValueError: A speed, acceleration or tolerance is below zero or not finite.
     """
-    speed = _at_least_zero(speed_rad_s, "The speed")
-    acceleration = _at_least_zero(acceleration_rad_s2, "The acceleration")
     random, chain = np.random.default_rng(seed), dynamics.chain
     # A continuous joint may move by a full turn.
     low = np.where(np.isfinite(chain.lower_rad), chain.lower_rad, -np.pi)
     high = np.where(np.isfinite(chain.upper_rad), chain.upper_rad, np.pi)
     shape = (_MOTIONS, chain.dof)
     q = random.uniform(low, high, shape)
-    qd = random.uniform(-speed, speed, shape)
-    qdd = random.uniform(-acceleration, acceleration, shape)
+    qd = random.uniform(-speed_rad_s, speed_rad_s, shape)
+    qdd = random.uniform(-acceleration_rad_s2, acceleration_rad_s2, shape)
     Y = dynamics.regressor(q, qd, qdd)
     typical = np.tile(TYPICAL_PARAMETERS, len(dynamics.bodies))
     return independent_columns(Y.reshape(-1, Y.shape[-1]), typical, tolerance)
@@ -119,21 +100,10 @@ def independent_columns(
         typical: Size of each parameter (p,), so that effects on the torques can be compared.
         tolerance: Effect that a column must add to the earlier columns, relative to the largest
             effect of all columns. Torques of the reduced regressor are exact to this tolerance.
-
-    Raises:
-        BadValueError: A shape is wrong, a number is not finite, a typical size is not above zero,
-            or the tolerance is below zero.
     """
-    Y = as_floats(regressor, "The regressor", "numbers of shape (m, p)")
-    if Y.ndim != 2:
-        raise BadValueError("The regressor", f"of shape {Y.shape}", "shape (m, p)")
-    sizes = finite_vector(typical, Y.shape[1], "The vector of typical parameters")
-    if not (sizes > 0.0).all():
-        raise BadValueError(
-            "The vector of typical parameters", str(sizes.tolist()), "positive numbers"
-        )
-    effects: Matrix = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes).R
-    least = max(_at_least_zero(tolerance, "The tolerance"), _ROUNDING)
+    Y, sizes = np.asarray(regressor, dtype=float), np.asarray(typical, dtype=float)
+    effects = np.linalg.qr(Y * sizes).R
+    least = max(tolerance, _ROUNDING)
     columns = _select_columns(effects, least * np.linalg.norm(effects, axis=0).max(initial=0.0))
     G = np.linalg.lstsq(effects[:, columns], effects, rcond=None)[0] / sizes * sizes[columns, None]
     return BaseParameters(columns, read_only(G))
@@ -150,10 +120,3 @@ def _select_columns(Y: Matrix, least: float) -> IntVector:
             columns.append(column)
             basis = np.vstack([basis, rest / length])
     return np.array(columns, dtype=np.int64)
-
-
-def _at_least_zero(value: float, what: str) -> float:
-    number = float(finite_array(value, (), what))
-    if number < 0.0:
-        raise BadValueError(what, f"{number:g}", "a number of zero or more")
-    return number
