@@ -63,7 +63,8 @@ def test_pick_refuses_thing_so_flat_that_fingers_touch_the_table(so101):
     )
 
 
-def test_pick_refuses_thing_that_a_shelf_covers(so101):
+def test_pick_refuses_thing_that_a_shelf_covers(so101, monkeypatch):
+    monkeypatch.setattr("ikservo.apps.grasping.pick_and_place._SEARCH_S", 5.0)  # enough to be sure
     so101.scene.add("box", "the shelf", center_m=(0.25, 0.0, 0.1), size_m=(0.2, 0.4, 0.02))
     refused(so101, RefusedError, "cannot grip .* at", (0.25, 0.0, 0.0175), size_m=CUBE)
 
