@@ -118,7 +118,7 @@ def test_a_recording_is_replayed_in_the_background(arm, tmp_path):
         (lambda arm: arm.pose("nowhere", wait=False), ikservo.UnknownNameError),
     ],
 )
-def test_wait_raises_error_of_motion_each_time(arm, start, error):
+def test_wait_raises_motion_error_on_every_call(arm, start, error):
     motion = start(arm)
     for _ in range(2):
         with pytest.raises(error):
@@ -232,7 +232,7 @@ def test_motions_of_two_threads_run_in_turn(arm):
 
 
 @pytest.mark.full
-def test_where_answers_while_a_motion_runs(arm):
+def test_where_method_returns_during_motion(arm):
     motion, gate = begun(arm, pan=0.5)
     here = arm.where()
     assert 0.0 < here["shoulder_pan"].position_rad < 0.5

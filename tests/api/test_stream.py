@@ -174,7 +174,7 @@ def send_for_ever(stream):
             raise AssertionError("nothing ended it")
 
 
-def test_stop_is_raised_by_next_stream_send(arm):
+def test_next_stream_send_after_stop_raises_stopped_error(arm):
     line_of(arm).world.schedule(
         line_of(arm).world.time_s + 0.5, lambda: arm.stop("the door was opened")
     )
@@ -183,7 +183,7 @@ def test_stop_is_raised_by_next_stream_send(arm):
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_servo_fault_is_raised_by_next_stream_send(arm):
+def test_next_stream_send_after_servo_fault_raises_error(arm):
     servo = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
 
     def jam():
@@ -280,7 +280,7 @@ class StandingClock:
         self.at_s = max(self.at_s, deadline_s)
 
 
-def test_newest_setpoint_replaces_older_one():
+def test_stream_setpoint_replaces_older_unused_one():
     mailbox = SetpointMailbox(StandingClock(), None, lambda: False)
     mailbox.put({"a": 1.0})
     mailbox.put({"a": 2.0})

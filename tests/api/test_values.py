@@ -93,14 +93,14 @@ def test_progress_has_measured_joints_and_setpoints(arm):
         lambda arm, seen: arm.move_joints({"shoulder_pan": 0.1}, on_progress=seen.append),
     ],
 )
-def test_every_motion_reports_its_joints_as_progress(arm, motion):
+def test_every_motion_type_reports_its_joints_in_progress(arm, motion):
     seen = []
     motion(arm, seen)
     assert all(progress.joints_rad.shape == (6,) for progress in seen)
 
 
 @pytest.mark.full
-def test_progress_arrays_are_not_changed_later(arm):
+def test_progress_arrays_do_not_change_in_later_cycles(arm):
     seen = []
     arm.move_joints({"shoulder_pan": 0.4}, on_progress=seen.append)
     assert seen[0].joints_rad[0] < 0.1

@@ -63,7 +63,7 @@ def exchange(device, data):
         return connection.makefile("rb").read()
 
 
-def test_command_is_executed_and_answered_by_bus_owner(device, owner):
+def test_control_command_is_executed_by_program_owning_port(device, owner):
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     assert owner.asked == ["stop"]
 
@@ -134,7 +134,7 @@ def test_second_listener_does_not_replace_living_owner(device, owner):
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
 
 
-def test_closing_old_owner_leaves_newer_owners_socket(device, kind):
+def test_closing_old_owner_keeps_control_socket_of_new_owner(device, kind):
     old = control_socket.open_socket(socket_path(device))
     old.socket.close()
     owner = Owner(device)
@@ -150,7 +150,7 @@ def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data)
     assert send_command(device, ControlCommand.WHERE) == {"done": "where"}
 
 
-def test_endless_request_to_control_socket_is_cut_off(device, owner):
+def test_oversized_request_to_control_socket_is_rejected(device, owner):
     connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection, pytest.raises((ConnectionError, TimeoutError)):  # noqa: PT012  # whichever byte
         while True:
@@ -178,7 +178,7 @@ def test_command_to_owner_of_another_user_is_refused(device, monkeypatch):
     assert owner.asked == []
 
 
-def test_error_of_owner_reaches_the_caller(device, kind):
+def test_error_of_port_owner_is_raised_in_calling_program(device, kind):
     def refuse(request):
         raise RefusedError("It is locked.", "Unlock it.")
 
@@ -189,7 +189,7 @@ def test_error_of_owner_reaches_the_caller(device, kind):
     assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
 
 
-def test_owner_errors_keep_their_class_and_details(device, kind):
+def test_error_of_port_owner_keeps_its_class_and_details(device, kind):
     error = UnknownNameError("joint", "elbow", ["elbow_flex"])
 
     def refuse(request):
@@ -203,7 +203,7 @@ def test_owner_errors_keep_their_class_and_details(device, kind):
     assert (caught.value.name, list(caught.value.known)) == ("elbow", ["elbow_flex"])
 
 
-def test_crashed_command_does_not_end_the_owner(device, kind):
+def test_crashing_command_does_not_end_program_owning_port(device, kind):
     replies = iter([ZeroDivisionError("oops"), None])
 
     def stumble(request):
@@ -219,21 +219,21 @@ def test_crashed_command_does_not_end_the_owner(device, kind):
     listener.close()
 
 
-def test_silent_callers_do_not_delay_other_callers(device, owner):
+def test_silent_clients_do_not_delay_other_clients(device, owner):
     idle = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(10)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in idle:
         connection.close()
 
 
-def test_stop_is_answered_despite_40_silent_callers(device, owner):
+def test_stop_is_answered_despite_40_silent_clients(device, owner):
     silent = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(40)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in silent:
         connection.close()
 
 
-def test_stop_is_answered_while_callers_await_state(device, kind):
+def test_stop_is_answered_while_clients_wait_for_state(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
     def wait_for_state(request):
@@ -266,7 +266,7 @@ def test_long_home_path_still_has_a_control_socket(device, monkeypatch, tmp_path
     owner.listener.close()
 
 
-def test_device_with_odd_name_has_a_socket_path(tmp_path):
+def test_device_with_unusual_name_has_control_socket_path(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     names = (str(tmp_path / "loop"), "/dev/m\udcfcller")
     assert len({socket_path(name) for name in names}) == 2

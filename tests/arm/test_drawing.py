@@ -39,7 +39,7 @@ def distance_to(points, stroke):
 
 
 @pytest.mark.sample(1)
-def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
+def test_commanded_tip_of_drawing_is_on_stroke_or_lifted(arm):
     plan = arm.plan_drawing([SQUARE, DASH], lift_m=0.015, tool_speed_m_s=0.03)
     tips = commanded_tips(arm, plan)
     down = tips[tips[:, 2] < CORNER[2] + 3e-4]
@@ -61,7 +61,7 @@ def test_a_drawing_is_executed_and_its_path_error_reported(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_single_point_stroke_is_touched_and_left(arm):
+def test_single_point_stroke_is_drawn_and_tip_lifted_again(arm):
     plan = arm.plan_drawing([[CORNER]], lift_m=0.02)
     tips = commanded_tips(arm, plan)
     assert tips[:, 2].min() == pytest.approx(CORNER[2], abs=5e-4)
@@ -76,7 +76,7 @@ def test_stroke_of_repeated_point_equals_single_point(arm):
 
 
 @pytest.mark.sample(1)
-def test_drawing_error_counts_repeated_points_in_its_number(arm):
+def test_drawing_error_numbers_points_as_given_with_repeats(arm):
     far = CORNER + np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.9, 0, 0]])
     with pytest.raises(UnreachableError, match="point 4 of stroke 1: "):
         arm.plan_drawing([far])

@@ -40,7 +40,7 @@ def circle(centre_m, radius_m, count):
 
 
 @pytest.mark.full
-def test_follow_traces_a_circle_and_reports_where_it_ended(arm):
+def test_follow_traces_circle_and_reports_final_position(arm):
     centre_m = arm.where().tip_m
     seen = []
     report = arm.follow(
@@ -87,7 +87,7 @@ def test_follow_does_not_import_modules_between_goals():
     assert ran.stdout.split() == []
 
 
-def test_follow_holds_and_returns_after_300_ms_of_silence(arm):
+def test_follow_ends_with_arm_holding_after_300_ms_silence(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         while True:
@@ -109,7 +109,7 @@ def test_follow_checks_each_goal_against_its_start_pose(arm, monkeypatch):
     np.testing.assert_allclose(rests, [began] * len(rests), atol=0.01)
 
 
-def test_follow_stream_that_blocks_counts_as_silent(arm):
+def test_blocked_setpoint_iterator_counts_as_silent_stream(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         servo_group(arm).clock.sleep_until(arm.clock.now_s() + 1.0)
@@ -131,7 +131,7 @@ def test_delayed_progress_callback_is_not_stream_silence(arm):
     assert report.setpoints == 200
 
 
-def test_follow_counts_points_out_of_reach(arm):
+def test_follow_report_counts_unreachable_setpoints(arm):
     report = arm.follow([(0.9, 0.0, 0.2)] * 20)
     assert report.unreached == 20
 
@@ -184,7 +184,7 @@ def test_follow_ends_at_last_setpoint_before_a_refused_one(arm):
 
 
 @pytest.mark.full
-def test_arm_braked_during_follow_does_not_sag(arm):
+def test_arm_does_not_sag_after_braking_during_follow(arm):
     arm.pose("home")
     start = true_joints(arm)
     arm.follow([{"shoulder_pan": 1.0}])
@@ -220,7 +220,7 @@ def test_a_stream_without_a_setpoint_moves_nothing(arm):
 
 
 @pytest.mark.campaign
-def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
+def test_correction_of_constant_setpoint_ends_for_stuck_joint(arm):
     line_of(arm).servos[servo_id("so101", "wrist_flex")].motor.stuck = True
     auditor = Auditor(arm)
     arm.follow([{"wrist_flex": true_joints(arm)["wrist_flex"] + 0.04}] * cycle_count(arm, 6.0))
@@ -242,12 +242,12 @@ def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, setpoint):
     assert arm.stopped_for == ""
 
 
-def test_follow_error_names_unknown_joint_and_suggests_known_one(arm):
+def test_unknown_joint_error_of_follow_suggests_closest_name(arm):
     with pytest.raises(UnknownNameError, match="Did you mean elbow_flex"):
         arm.follow([{"elbow_flexx": 0.1}])
 
 
-def test_exception_of_stream_is_raised_after_braking(arm):
+def test_follow_brakes_arm_before_raising_iterator_exception(arm):
     def stream():
         yield {"shoulder_pan": 0.5}
         raise ZeroDivisionError
@@ -383,7 +383,7 @@ def test_a_recording_of_another_arm_is_refused(arm, tmp_path, change, found):
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_recording_outside_limits_is_refused_with_its_line(arm, tmp_path):
+def test_recording_outside_limits_is_refused_with_line_number(arm, tmp_path):
     arm.record(tmp_path / "wave.jsonl", duration_s=0.1)
     lines = (tmp_path / "wave.jsonl").read_text().splitlines(keepends=True)
     lines[3] = '{"t_s": 0.04, "q": [9.0, 0, 0, 0, 0, 0]}\n'
@@ -435,7 +435,7 @@ def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
 
 
 @pytest.mark.full
-def test_follow_speeds_up_once_arm_is_at_first_setpoint(arm):
+def test_follow_uses_full_speed_after_first_setpoint(arm):
     slow = math.degrees(arm.model.speed("slow").rad_s)
     here = [{"shoulder_pan": 0.02}] * cycle_count(arm, 0.2)
     there = [{"shoulder_pan": 0.8}] * cycle_count(arm, 0.8)

@@ -44,7 +44,7 @@ def test_stop_leaves_limp_arm_limp(arm, stop):
 
 
 @pytest.mark.parametrize("servo_id", [1, 6])
-def test_torque_stays_off_everywhere_if_one_servo_falls_silent(arm, servo_id):
+def test_torque_stays_off_in_all_servos_if_one_is_silent(arm, servo_id):
     servo = line_of(arm).servos[servo_id]
     goal = servo.table.by_name["goal_position"].address
 

@@ -142,7 +142,7 @@ def test_first_motion_is_slow_if_torque_was_already_on(arm):
 
 
 @pytest.mark.full
-def test_holding_arm_need_not_begin_slowly_after_acknowledge(ready):
+def test_holding_arm_moves_at_normal_speed_after_acknowledge(ready):
     servos = line_of(ready).servos
     assert all(servo.read("torque_enable") for servo in servos.values())
     ready.acknowledge()  # as for a program that opens an arm that holds

@@ -68,7 +68,7 @@ def test_enabling_an_arm_that_holds_keeps_its_goals(arm):
 
 
 @pytest.mark.full
-def test_second_move_starts_from_the_first(arm):
+def test_second_move_starts_where_first_one_ended(arm):
     arm.move_to(NEAR)
     report = arm.move_to((0.22, -0.02, 0.12), speed="fast")
     assert report.reached
@@ -76,7 +76,7 @@ def test_second_move_starts_from_the_first(arm):
 
 
 @pytest.mark.full
-def test_move_to_present_point_reaches_it(arm):
+def test_move_to_present_point_succeeds(arm):
     here = arm.move_to(NEAR).measured_tip_m
     assert arm.move_to(here).reached
 
@@ -173,7 +173,7 @@ def test_move_joints_refuses_position_beyond_limit(arm, position):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_zero_and_rest_pose_of_every_arm_can_be_planned(name):
+def test_motion_to_zero_and_rest_pose_can_be_planned(name):
     model = ikservo.load_model(name)
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:
         for pose in ("zero", "rest"):
@@ -217,7 +217,7 @@ def test_relax_plans_around_obstacles_via_home_pose():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "px100"])
-def test_arm_that_falls_at_torque_on_is_caught_and_moves_on(name):
+def test_arm_that_sags_at_torque_on_still_completes_motion(name):
     dice = seeded(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         for driven in servo_group(arm).driven_joints:

@@ -41,12 +41,12 @@ def test_pose_file_has_degrees_for_turns_and_metres_for_slides(poses):
     assert "gripper = 0.012" in text
 
 
-def test_pose_library_includes_poses_of_the_arm_file(poses, model):
+def test_saved_poses_include_poses_of_arm_file(poses, model):
     assert poses.get_pose("home") == model.poses["home"]
     assert set(poses.all_poses()) == {"rest", "home", "zero"}
 
 
-def test_saving_second_pose_keeps_the_first(poses):
+def test_saving_second_pose_keeps_first_pose(poses):
     poses.save("cup", CUP)
     poses.save("plate", {**CUP, "joint1": 0.5})
     assert set(poses.user_poses()) == {"cup", "plate"}
@@ -126,7 +126,7 @@ def test_failed_pose_write_raises_file_write_error(poses, monkeypatch):
     monkeypatch.undo()
 
 
-def test_pose_completion_offers_poses_of_every_adapter(poses, model):
+def test_shell_completion_offers_poses_of_every_adapter(poses, model):
     poses.save("cup", CUP)
     PoseLibrary(model, "").save("plate", CUP)
     assert known_pose_names(model) == ["cup", "home", "plate", "rest", "zero"]
@@ -136,7 +136,7 @@ def test_pose_file_is_named_by_arm_and_adapter(home):
     assert pose_path("so101", "58FA083") == home / "poses" / "so101-58FA083.toml"
 
 
-def test_teach_saves_present_joints_with_torque_off():
+def test_teach_saves_measured_joints_of_limp_arm():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         positions = arm.teach("here")
         assert arm.poses.get_pose("here") == pytest.approx(positions, abs=1e-5)
@@ -144,7 +144,7 @@ def test_teach_saves_present_joints_with_torque_off():
         assert not any(state.torque for state in arm.where().joints)
 
 
-def test_teach_switches_torque_off_while_arm_is_carried():
+def test_teach_switches_torque_off_for_hand_guiding():
     with ikservo.open_arm("so101", port="sim:?pose=rest") as arm:
         arm.hold()
         seen = []
@@ -159,7 +159,7 @@ def test_teach_switches_torque_off_while_arm_is_carried():
         assert all(state.torque for state in arm.where().joints)
 
 
-def test_teach_refuses_bad_name_before_arm_is_carried():
+def test_teach_refuses_invalid_name_before_torque_goes_off():
     with ikservo.open_arm("so101", port="sim") as arm:
         with pytest.raises(BadValueError):
             arm.teach("../x", lambda: pytest.fail("the person was asked"))

@@ -28,14 +28,14 @@ def folded():
 
 
 @pytest.mark.full
-def test_folded_arm_goes_to_target_via_a_free_pose(folded):
+def test_folded_arm_reaches_target_via_retract_pose(folded):
     plan = folded.plan_to(TARGET_M)
     assert plan.via_pose
     assert folded.execute(plan).reached
     np.testing.assert_allclose(true_tip_m(folded), TARGET_M, atol=2e-3)
 
 
-def test_plan_via_retract_pose_covers_both_parts(folded):
+def test_plan_via_retract_pose_contains_both_motions(folded):
     plan, first = folded.plan_to(TARGET_M), folded.plan_joints(folded.model.pose("home"))
     assert plan.duration_s > first.duration_s
     assert plan.path_m > first.path_m

@@ -66,7 +66,7 @@ def test_tool_direction_is_met_by_arm_with_free_wrist():
     )
 
 
-def test_kept_tool_orientation_is_unchanged_in_base_frame():
+def test_keep_option_keeps_tool_orientation_in_base_frame():
     _, chain, _, here = bench("wx250s")
     _, R = planned("wx250s", (0.22, 0.06, 0.2), keep=True)
     before = chain.forward(here[: chain.dof])[:3, :3]
@@ -83,7 +83,7 @@ def test_tool_keeps_its_pitch_if_no_orientation_is_given(name):
     assert math.degrees(plan.orientation_error_rad) < 0.2
 
 
-def test_point_is_reached_although_orientation_cannot_be_kept():
+def test_unkeepable_orientation_does_not_prevent_reaching_point():
     plan, _ = planned("so101", (0.02, 0.02, 0.45))
     np.testing.assert_allclose(plan.tip_m, (0.02, 0.02, 0.45), atol=2e-5)
     assert math.degrees(plan.orientation_error_rad) > 5.0
@@ -95,7 +95,7 @@ def test_point_is_reached_although_orientation_cannot_be_kept():
     ("so101", {"keep": True}, "the present orientation"),
     ("px100", {"direction": (0, 1, 0)}, "direction 0,1,0"),
 ])  # fmt: skip
-def test_impossible_tool_orientation_names_a_possible_pitch(name, asked, word):
+def test_impossible_orientation_error_suggests_possible_pitch(name, asked, word):
     with pytest.raises(OrientationError, match="is not possible") as caught:
         planned(name, (0.2, 0.06, 0.12), **asked)
     error = caught.value
@@ -111,7 +111,7 @@ def test_pitch_suggested_for_impossible_pitch_can_be_planned():
     planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(offered))
 
 
-def test_point_out_of_reach_is_not_an_orientation_error():
+def test_point_out_of_reach_does_not_raise_orientation_error():
     with pytest.raises(UnreachableError, match="cannot be reached"):
         planned("so101", (0.9, 0.0, 0.1), pitch_rad=0.0)
 
@@ -141,7 +141,7 @@ def arm():
 
 
 @pytest.mark.parametrize("stance", [None, "down", (0.0, 0.0, -1.0)])
-def test_move_refuses_stance_that_is_not_a_tool_orientation(arm, stance):
+def test_move_refuses_stance_argument_of_wrong_type(arm, stance):
     with pytest.raises(BadValueError, match="ToolOrientation"):
         arm.move_to((0.2, 0.0, 0.15), stance=stance)
     with pytest.raises(BadValueError, match="ToolOrientation"):
@@ -154,6 +154,6 @@ def test_tool_pitch_that_is_not_a_number_is_refused():
 
 
 @pytest.mark.parametrize("speed", [[], None, 1, "quick"])
-def test_move_to_lists_speeds_for_invalid_speed(arm, speed):
+def test_invalid_speed_error_of_move_to_lists_speeds(arm, speed):
     with pytest.raises(UnknownNameError, match="slow"):
         arm.move_to((0.2, 0.0, 0.15), speed=speed)

@@ -104,7 +104,7 @@ def test_error_names_new_servo_at_its_factory_baud_rate(open_with_servos, monkey
         ikservo.open_arm("koch", port="sim")
 
 
-def test_error_for_empty_line_does_not_name_other_servos(open_with_servos):
+def test_error_for_empty_bus_does_not_name_other_servos(open_with_servos):
     error = open_with_servos("so101", {99: XL330}, 9_600)
     assert isinstance(error, ServoSilentError)
     assert "there is" not in error.message

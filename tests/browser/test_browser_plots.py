@@ -63,7 +63,7 @@ def test_plots_show_joint_positions_and_only_chosen_quantities(operator):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1600, "light")])
-def test_plots_are_legible_and_named_and_fit_a_finger(visit, width, scheme):
+def test_plots_are_legible_labelled_and_finger_sized(visit, width, scheme):
     operator = visit(color_scheme=scheme, reduced_motion="reduce")
     operator.page.set_viewport_size({"width": width, "height": 844})
     open_plots(operator)

@@ -30,14 +30,14 @@ def test_upright_crank_moves_slide_by_its_radius_per_radian():
 
 
 @given(angles)
-def test_crank_moves_at_most_unit_per_tick_of_its_joint_map(angle):
+def test_crank_slope_does_not_exceed_maximum_of_joint_map(angle):
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     tick = 2048 + angle / joint_map.horn_rad_per_tick
     step = joint_map.position(tick + 1) - joint_map.position(tick)
     assert 0 < step <= joint_map.unit_per_tick * (1 + 1e-3)
 
 
-def test_positive_sign_opens_cranked_slide_with_growing_ticks():
+def test_positive_sign_means_cranked_slide_opens_with_ticks():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     assert joint_map.position(2148) > joint_map.position(2048) == 0.0
 
@@ -98,7 +98,7 @@ def test_crank_in_line_at_zero_or_as_long_as_rod_is_refused(radius, rod, zero):
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
+def test_slide_position_is_clamped_at_passed_dead_centre(sign):
     joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
     end_m, half_turn = CRANK.position(CRANK.zero_rad), 2048
     assert joint_map.position_clamped(2048 + sign * half_turn) == pytest.approx(end_m)
@@ -106,7 +106,7 @@ def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
     assert joint_map.position_clamped(2148) == joint_map.position(2148)
 
 
-def test_cranked_slide_unit_per_tick_is_its_largest_step():
+def test_unit_per_tick_of_cranked_slide_is_its_largest_step():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     horn_rad = math.tau / 4096
     assert joint_map.unit_per_tick == pytest.approx(CRANK.max_m_per_rad * horn_rad)

@@ -74,7 +74,7 @@ def test_count_direction_depends_on_mode_and_direction_bits(model, held, alike):
     assert same_direction(facts(model, **held), filed) is alike
 
 
-def test_direction_missing_in_file_is_not_compared():
+def test_count_direction_missing_in_file_is_not_compared():
     filed = {name: number for name, number in STS.items() if name != "phase"}
     assert same_direction(facts(phase=255), filed)
 
@@ -110,13 +110,13 @@ def test_sts_is_put_in_position_mode_and_single_turn():
     ("mode", "extended", "wanted"), [(3, False, 3), (3, True, 4), (4, False, 3), (1, True, 4),
                                      (5, False, 5), (5, True, 5)]
 )  # fmt: skip
-def test_dynamixel_is_multi_turn_if_needed_and_mode_5_stays(mode, extended, wanted):
+def test_dynamixel_is_set_multi_turn_only_if_travel_needs_it(mode, extended, wanted):
     found = facts("XM430-W350", operating_mode=mode)
     assert wanted_of(found, extended=extended)["operating_mode"] == wanted
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350"])
-def test_position_limits_are_widened_if_homing_offset_changes(model):
+def test_servo_limits_are_widened_if_homing_offset_changes(model):
     found = facts(model, min_position_limit=500, max_position_limit=3000)
     assert wanted_of(found)["min_position_limit"] == 500
     moved = wanted_of(found, 9)
@@ -125,12 +125,12 @@ def test_position_limits_are_widened_if_homing_offset_changes(model):
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 3000), (500, 0)])
-def test_single_position_limit_of_zero_is_kept(low, high):
+def test_single_servo_position_limit_of_zero_is_kept(low, high):
     wanted = wanted_of(facts(min_position_limit=low, max_position_limit=high))
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == (low, high)
 
 
-def test_two_position_limits_of_zero_are_widened():
+def test_servo_position_limits_that_are_both_zero_are_widened():
     unset = wanted_of(facts(min_position_limit=0, max_position_limit=0))
     assert (unset["min_position_limit"], unset["max_position_limit"]) == (0, 4095)
 
@@ -139,6 +139,6 @@ def test_two_position_limits_of_zero_are_widened():
     ("limits", "written"),
     [((100, 3900), (100, 3900)), ((-5, 5000), (0, 4095)), ((4095, 4096), (4094, 4095))],
 )
-def test_position_limits_are_clipped_to_their_registers(limits, written):
+def test_servo_position_limits_are_clipped_to_register_range(limits, written):
     wanted = wanted_of(facts(), limits=limits)
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == written

@@ -104,7 +104,7 @@ def check_zeros_and_signs(arm, model):
 @pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
-def test_calibration_finds_hidden_zeros_and_signs_of_an_arm(name):
+def test_simulated_calibration_finds_hidden_zeros_and_signs(name):
     judge(make_mounted_arm(name, 1))
 
 

@@ -24,7 +24,7 @@ travels = st.builds(
 )
 
 
-def test_unwrap_finds_true_tick_for_every_offset_and_direction():
+def test_unwrap_finds_true_tick_for_any_offset_and_direction():
     """Hazard M6, exhaustive: 4096 positions × offsets −2047..2047 step 13 × direction."""
     bare = np.arange(TURN)
     cases = wrong = 0
@@ -48,7 +48,7 @@ def test_wrapped_difference_is_at_most_half_a_turn(start, end):
 
 
 @given(st.integers(-9999, 9999), st.lists(st.integers(-1024, 1024), max_size=60))
-def test_unwrap_follows_hand_across_every_wrap_around(start, steps):
+def test_unwrap_follows_joint_across_every_wrap_around(start, steps):
     truth = last = start
     for step in steps:
         truth += step
@@ -77,7 +77,7 @@ def test_x_series_homing_keeps_one_turn_without_wrap_around(travel, offset):
         assert 0 <= travel.low - homing.shift < travel.high - homing.shift <= TURN - 1
 
 
-def test_homing_keeps_an_offset_that_already_works():
+def test_homing_keeps_offset_that_already_avoids_wrap_around():
     assert choose_homing("elbow", STS, TickRange(900, 2500), 400, MAGNET).offset == 400
     assert choose_homing("elbow", X, TickRange(900, 2500), -30, MAGNET).offset == -30
 
@@ -118,7 +118,7 @@ def test_potentiometer_has_no_wrap_around():
 
 
 @given(st.integers(-9999, 9999), st.integers(0, 4095))
-def test_unwrap_near_is_within_half_a_turn_of_the_middle(middle, reading):
+def test_unwrapped_tick_is_within_half_a_turn_of_given_middle(middle, reading):
     tick = unwrap_near(middle, reading, TURN)
     assert (tick - reading) % TURN == 0
     assert abs(tick - middle) <= TURN // 2

@@ -51,7 +51,7 @@ SIM = "--arm so101 --port sim"
         ("sim so1o1", 2, "Did you mean so101?"),
     ],
 )
-def test_bad_input_gives_one_message_and_its_exit_code(run_cli, words, code, message):
+def test_invalid_input_gives_one_message_and_exit_code(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err
@@ -59,7 +59,7 @@ def test_bad_input_gives_one_message_and_its_exit_code(run_cli, words, code, mes
     assert "Traceback" not in result.err
 
 
-def test_error_is_an_object_with_json(run_cli):
+def test_error_with_json_option_is_one_json_object(run_cli):
     result = run_cli(f"move 0.9 0 0.1 {SIM} --json")
     assert result.code == 7
     assert result.json["exit_code"] == 7
@@ -68,12 +68,12 @@ def test_error_is_an_object_with_json(run_cli):
 
 
 @pytest.mark.campaign
-def test_nearest_point_in_hint_can_be_reached(run_cli):
+def test_nearest_point_suggested_by_hint_can_be_reached(run_cli):
     hint = run_cli(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
     assert run_cli(hint.split("ikservo ")[1] + f" {SIM}").code == 0
 
 
-def test_usage_error_is_an_object_with_json(run_cli):
+def test_usage_error_with_json_option_is_one_json_object(run_cli):
     result = run_cli(f"move nan 0 0.1 {SIM} --json")
     assert result.json["exit_code"] == 2
 
@@ -100,7 +100,7 @@ def spoil(path: Path, old: str, new: str):
 
 
 @pytest.mark.full
-def test_arm_file_works_by_its_path(run_cli, own_arm):
+def test_command_accepts_path_to_arm_file(run_cli, own_arm):
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.json["reached"] is True
 
@@ -150,7 +150,7 @@ def test_urdf_external_entity_does_not_read_a_file(run_cli, own_arm):
 
 
 @pytest.mark.parametrize("number", [1e-320, -0.0])
-def test_solve_accepts_tiny_numbers(run_cli, number):
+def test_solve_command_accepts_tiny_numbers(run_cli, number):
     assert math.isfinite(number)
     result = run_cli(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
     assert json.loads(result.out)["reached"] is True

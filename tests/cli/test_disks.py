@@ -119,7 +119,7 @@ WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "Name
 
 
 @pytest.mark.full
-def test_only_listed_modules_write_files():
+def test_only_listed_source_modules_write_files():
     folder = Path(ikservo.__file__).parent
     found = {
         path.relative_to(folder).as_posix()
@@ -208,7 +208,7 @@ def test_full_disk_is_reported_and_old_files_stay(words, file, place, sources, t
 @pytest.mark.full
 @pytest.mark.parametrize("number", [errno.EROFS, errno.ENOENT], ids=errno.errorcode.get)
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
-def test_read_only_or_missing_disk_is_reported(
+def test_read_only_or_missing_disk_gives_clear_error(
     words, file, number, place, sources, run_cli, monkeypatch
 ):
     before = content(place)
@@ -284,7 +284,7 @@ PRINTERS = [
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
 @pytest.mark.parametrize("words", PRINTERS)
-def test_full_stdout_is_reported_with_exit_code_1(words):
+def test_full_disk_behind_stdout_exits_with_1(words):
     command = [sys.executable, "-m", "ikservo", *words.split()]
     with open("/dev/full", "w") as full:  # noqa: PTH123
         done = subprocess.run(

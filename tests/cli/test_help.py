@@ -63,7 +63,7 @@ HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scs
         ("scan --port /dev/ttyNONE7", ("serial", "pydantic", "ikservo.hardware")),
     ],
 )
-def test_command_imports_only_what_it_uses(words, allowed):
+def test_command_imports_only_modules_it_uses(words, allowed):
     script = (
         "import sys; from ikservo.cli import main; code = main(sys.argv[2:]);"
         "print([m for m in sys.argv[1].split(',') if m in sys.modules], file=sys.stderr)"
@@ -75,7 +75,7 @@ def test_command_imports_only_what_it_uses(words, allowed):
 
 
 @pytest.mark.parametrize("word", ["", *sorted(set(all_commands()) - {"sim"})])
-def test_h_option_prints_help_of_every_command(run_cli, word):
+def test_short_help_option_prints_help_of_every_command(run_cli, word):
     result = run_cli(f"{word} -h")
     assert (result.code, "Usage: ikservo" in result.out) == (0, True)
 

@@ -57,7 +57,7 @@ def test_ctrl_c_ends_a_shell_loop_over_commands():
     assert "next" not in ended.text
 
 
-def test_ctrl_c_before_a_stop_message_counts_as_interrupt(monkeypatch):
+def test_ctrl_c_before_stop_error_counts_as_interrupt(monkeypatch):
     ended = ended_after(monkeypatch, KeyboardInterrupt(), StoppedError("Stopped; torque is off."))
     assert (ended.code, ended.interrupted) == (130, True)
 

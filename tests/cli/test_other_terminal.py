@@ -50,7 +50,7 @@ def port():
 
 
 @pytest.mark.full
-def test_motion_is_seen_and_stopped_from_another_terminal(run_cli, port):
+def test_other_terminal_sees_and_stops_motion(run_cli, port):
     with swaying(port) as process:
         seen = run_cli(f"where --arm so101 --port {port} --json")
         stopped = run_cli("stop --json")

@@ -15,7 +15,7 @@ def joints(result):
     return dict(zip(NAMES, np.degrees(result.json["q_rad"]).tolist(), strict=True))
 
 
-def test_preferred_joint_is_reached_while_the_tip_stays(run_cli):
+def test_preferred_joint_position_is_reached_with_tip_in_place(run_cli):
     result = run_cli(f"solve {POINT} --prefer wrist_roll=40 --json")
     q = joints(result)
     assert result.json["reached"]
@@ -24,7 +24,7 @@ def test_preferred_joint_is_reached_while_the_tip_stays(run_cli):
     np.testing.assert_allclose(tip_from_joints("so101", radians), (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_preferred_posture_with_the_heavier_weight_wins(run_cli):
+def test_preferred_posture_with_larger_weight_has_priority(run_cli):
     both = f"solve {POINT} --prefer elbow_flex=0 --prefer wrist_flex=0 --json"
     light = joints(run_cli(f"{both} --weight elbow_flex=0.1"))
     heavy = joints(run_cli(f"{both} --weight elbow_flex=10"))
@@ -37,7 +37,7 @@ def test_preferred_pose_can_be_overridden_for_single_joints(run_cli):
     assert q["wrist_roll"] == pytest.approx(-30.0, abs=1.0)
 
 
-def test_pseudo_inverse_method_keeps_preferred_joint(run_cli):
+def test_pseudo_inverse_method_respects_preferred_joint_position(run_cli):
     result = run_cli(f"solve {POINT} --method pseudo_inverse --prefer wrist_roll=40 --json")
     assert result.json["method"] == "pseudo_inverse"
     assert joints(result)["wrist_roll"] == pytest.approx(40.0, abs=0.1)

@@ -128,7 +128,7 @@ def test_recover_continues_if_one_servo_is_silent(run_cli, monkeypatch):
     assert [row["torque"] for row in result.json["servos"]] == [True, None, True, True, True, True]
 
 
-def test_recover_leaves_healthy_arm_alone(run_cli):
+def test_recover_does_not_change_healthy_arm(run_cli):
     result = run_cli("recover --arm so101 --port sim")
     assert result.code == 0
     assert result.err == (
@@ -161,7 +161,7 @@ def test_recover_says_which_joints_are_limp(run_cli, monkeypatch, torques, said)
         ("recover --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_recover_with_bad_input_gives_one_error(run_cli, words, code, message):
+def test_recover_with_invalid_input_gives_one_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

@@ -35,7 +35,7 @@ def test_solve_refuses_point_beyond_the_swept_range(run_cli, file):
     assert run_cli(f"solve {AT_THE_SIDE}").code == 0
 
 
-def test_solve_names_the_sweep_as_binding_limit(run_cli, file):
+def test_solve_names_swept_range_as_limit_in_effect(run_cli, file):
     binding = run_cli(f"solve {AT_THE_SIDE} --json").json["binding"]
     assert any(
         words.startswith("shoulder_pan at its ") and words.endswith("(hand sweep of 2026-11-02)")

@@ -62,7 +62,7 @@ def test_solve_force_refuses_options_with_several_answers(run_cli, other):
     assert "--force" in result.err
 
 
-def test_solve_is_no_farther_from_start_than_with_no_nearest(run_cli):
+def test_solve_is_no_farther_from_start_than_without_nearest(run_cli):
     ask = "solve 0.25 0 0.25 --arm wx250s --direction 1,0,0.2 --json"
     first, nearest = run_cli(f"{ask} --no-nearest").json, run_cli(ask).json
     assert first["reached"]

@@ -124,7 +124,7 @@ def test_second_signal_lowers_the_arm_and_switches_torque_off(servos, monkeypatc
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_second_signal_is_handled_with_the_arm_at_rest(servos, monkeypatch, number):
+def test_second_signal_is_handled_after_arm_has_come_to_rest(servos, monkeypatch, number):
     sleep_until, presses = RealClock.sleep_until, [number]
 
     def again(clock, deadline_s):

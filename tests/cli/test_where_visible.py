@@ -5,7 +5,7 @@ import pytest
 WHERE = "where --arm so101 --port sim:?pose=home"
 
 
-def test_visible_from_lists_each_link_and_what_hides_it(run_cli):
+def test_visible_from_option_lists_links_and_what_hides_them(run_cli):
     result = run_cli(f"{WHERE} --visible-from 0.6,0,0.1 --json").json["visible_from"]
     links = {each["link"]: each for each in result["links"]}
     assert result["eye_m"] == [0.6, 0.0, 0.1]
@@ -30,7 +30,7 @@ def test_where_json_has_no_visibility_without_the_option(run_cli):
         ("--visible-from 0.5,0.5,0.5 --watch", "cannot be combined with --watch"),
     ],
 )
-def test_visible_from_refuses_bad_point_and_watch(run_cli, options, why):
+def test_visible_from_option_refuses_invalid_point_and_watch(run_cli, options, why):
     result = run_cli(f"{WHERE} {options}")
     assert result.code == 2
     assert why in result.err

@@ -59,7 +59,7 @@ def test_blocked_jog_says_how_to_jog_back(run_cli, speed, back):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
+def test_jog_warns_once_if_solver_is_not_compiled(run_cli, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.open_and_confirm.is_compiled", lambda: compiled)
     result = run_cli(f"jog shoulder_pan --duration 100ms {SIM} --json")
     assert result.err.count("not compiled") == (not compiled)
@@ -159,7 +159,7 @@ def test_where_watch_json_prints_one_object_per_line(run_cli):
     assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
 
 
-def test_where_watch_period_uses_the_given_clock(capsys):
+def test_where_watch_waits_for_its_period(capsys):
     clock = VirtualClock()
     model = ikservo.load_model("so101")
     watch_arm(model, "sim", 3600.0, 3, uncalibrated=False, json=True, clock=clock)
@@ -167,7 +167,7 @@ def test_where_watch_period_uses_the_given_clock(capsys):
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
-def test_where_watch_shows_joints_between_their_limits(run_cli):
+def test_where_watch_shows_joint_positions_between_limits(run_cli):
     result = run_cli(f"where --watch --count 1 {SIM}")
     assert "shoulder_pan       0.0°  -110.0°  ├" in result.out
     assert "temperature" not in result.out
@@ -178,7 +178,7 @@ def test_where_watch_shows_joints_between_their_limits(run_cli):
     ("position", "drawn"),
     [(-1.0, "├●────────┤"), (0.0, "├────●────┤"), (1.0, "├────────●┤"), (9.0, "├────────●┤")],
 )
-def test_position_bar_shows_where_a_joint_is(position, drawn):
+def test_position_bar_shows_joint_position_within_limits(position, drawn):
     assert position_bar(position, -1.0, 1.0, 9) == drawn
 
 
@@ -213,11 +213,11 @@ def test_misspelled_command_suggests_the_closest(run_cli):
         ("", ""),
     ],
 )
-def test_command_hint_includes_arm_and_port(hint, whole):
+def test_suggested_command_includes_arm_and_port(hint, whole):
     assert with_connection_options(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
 
 
-def test_hint_for_unreachable_point_is_a_working_command(run_cli):
+def test_unreachable_point_hint_is_working_command(run_cli):
     result = run_cli(f"move 0.9 0 0.1 {SIM}")
     words = result.err.strip().rpartition("Try: ikservo ")[2]
     assert words.endswith("--arm so101 --port 'sim:?pose=home'")
@@ -283,13 +283,13 @@ def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeyp
     assert set(there) == set(where)
 
 
-def test_teach_float_ends_after_a_time_without_a_terminal(run_cli):
+def test_teach_float_ends_after_given_time_without_terminal(run_cli):
     result = run_cli(f"teach cup --float --for 1.5s {SIM} --json")
     assert result.code == 0, result.err
     assert "carry the arm's weight for 1.5 s" in result.err
 
 
-def test_record_announces_itself_once_its_file_exists(run_cli, tmp_path, monkeypatch):
+def test_record_command_prints_start_only_after_file_exists(run_cli, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     path = tmp_path / "wave.jsonl"
     messages = []

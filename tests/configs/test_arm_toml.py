@@ -117,7 +117,7 @@ def test_arm_file_lists_every_driven_joint_from_base_to_tip(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_arm_file_role_gripper_belongs_to_joint_gripper_only(arm):
+def test_only_joint_named_gripper_has_gripper_role(arm):
     for joint in read(arm)["joints"]:
         assert (joint["role"] == "gripper") == (joint["name"] == "gripper")
 
@@ -173,7 +173,7 @@ def test_only_six_interbotix_arms_have_shadow_servos():
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_arm_file_speeds_rise_from_slow_to_fast(arm):
+def test_arm_file_speeds_increase_from_slow_to_fast(arm):
     speeds = [read(arm)["speeds"][name] for name in ("slow", "normal", "fast")]
     for slower, faster in pairwise(speeds):
         assert all(slower[key] < faster[key] for key in ("deg_s", "deg_s2", "deg_s3"))
@@ -205,7 +205,7 @@ def test_arm_file_pose_lies_inside_the_limits(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_zero_pose_is_zero_clipped_into_the_limits(arm):
+def test_zero_pose_is_zero_clipped_to_joint_limits(arm):
     for name, position in positions(arm, "zero").items():
         assert position == np.clip(0.0, *limits(arm)[name]), name
 
@@ -218,7 +218,7 @@ def test_named_pose_has_no_link_below_the_table(arm):
 
 
 @pytest.mark.parametrize("arm", [arm for arm in ARMS if not arm.startswith("planar")])
-def test_rest_pose_has_its_tool_low_above_the_table(arm):
+def test_rest_pose_holds_tool_low_above_table(arm):
     tip_m = posed(arm, "rest")[1].body(read(arm)["tip"]).xpos[2]
     highest_m = posed(arm, "zero")[1].body(read(arm)["tip"]).xpos[2]
     assert 0.0 <= tip_m < 0.5 * highest_m

@@ -66,7 +66,7 @@ def test_svg_curves_are_counted_before_they_are_sampled(tmp_path, monkeypatch):
         read_drawing(tmp_path / "a.svg")
 
 
-def test_csv_is_not_read_beyond_its_point_limit(tmp_path):
+def test_csv_drawing_is_not_read_beyond_point_limit(tmp_path):
     (tmp_path / "a.csv").write_text("1,2\n" * 20_001 + "not read\n")
     with pytest.raises(FileFormatError, match="more than 20000 points"):
         read_drawing(tmp_path / "a.csv")

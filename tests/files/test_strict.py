@@ -45,5 +45,5 @@ def test_json_with_duplicate_keys_or_nan_is_refused(text, why):
         parse_json(text)
 
 
-def test_valid_json_is_read():
+def test_valid_json_file_is_read():
     assert parse_json(b'{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}

@@ -25,12 +25,12 @@ def test_position_range_ends_at_outermost_ticks():
 
 
 @pytest.mark.parametrize(("position", "tick"), [(0.4, 2048), (0.6, 2049), (2000.0, 4048)])
-def test_position_outside_limits_still_gives_nearest_tick(position, tick):
+def test_position_outside_limits_is_still_rounded_to_a_tick(position, tick):
     assert make_limits().tick(position * TICK) == tick
 
 
 @pytest.mark.parametrize(("position", "tick"), [(-1.5, 2047), (2.5, 2050)])
-def test_tick_of_position_inside_limits_lies_inside(position, tick):
+def test_tick_of_position_inside_limits_is_inside_limits(position, tick):
     joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
     limits = Limits.of("elbow", -1.5 * TICK, 2.5 * TICK, "user")
     assert DrivenJoint(joint_map, limits, 1.0).tick(position * TICK) == tick
@@ -41,7 +41,7 @@ def test_nan_goal_is_refused():
         make_limits().tick(math.nan)
 
 
-def test_max_ticks_s_is_speed_of_joint_behind_gear():
+def test_tick_rate_limit_includes_gear_ratio_of_joint():
     geared = JointMap.revolute("elbow", 3, 1, 2048, 4096, gear=2.0)
     limits = Limits.of("elbow", -1.0, 1.0, "user")
     assert DrivenJoint(geared, limits, 1.0).max_ticks_s == pytest.approx(2 * 4096 / math.tau)
@@ -66,7 +66,7 @@ def test_max_lead_grows_with_lifting_lag_up_to_130_ticks(lag_rad, lead):
 
 
 @pytest.mark.parametrize(("sag_ticks", "far"), [(59.0, False), (61.0, True)])
-def test_joint_sinks_far_if_sag_exceeds_60_ticks(sag_ticks, far):
+def test_joint_counts_as_sinking_far_if_sag_exceeds_60_ticks(sag_ticks, far):
     assert replace(make_limits(), sag_rad=sag_ticks * TICK).sinks_far == far
 
 
@@ -76,11 +76,11 @@ def test_max_lead_in_ticks_scales_with_encoder_resolution():
     assert DrivenJoint(fine, limits, 5.0).max_lead_ticks(5.0) == 6000 + 7822
 
 
-def test_max_lead_is_capped_by_top_speed_of_joint():
+def test_maximum_lead_is_capped_by_top_speed_of_joint():
     assert make_limits(speed_tick_s=200).max_lead_ticks(10.0) == 98
 
 
-def test_max_lead_is_an_angle_of_the_horn():
+def test_maximum_lead_is_measured_at_servo_horn():
     limits = Limits.of("elbow", -1.0, 1.0, "user")
     coarse = JointMap.revolute("elbow", 3, 1, 512, 1228.8)  # 1024 ticks on 300 degrees
     geared = JointMap.revolute("elbow", 3, 1, 2048, 4096, gear=2.0)
@@ -98,15 +98,15 @@ def test_max_lead_is_an_angle_of_the_horn():
         (999, "elbow target -92.2° is below its lower limit -92.1° (hand sweep)."),
     ],
 )
-def test_violation_names_limit_that_binds(tick, words):
+def test_limit_violation_names_limit_in_effect(tick, words):
     assert make_limits().describe_violation(tick) == words
 
 
-def test_violation_at_upper_limit_does_not_name_lower_one():
+def test_violation_of_upper_limit_does_not_name_lower_limit():
     assert "below its lower limit -92.1°" in make_limits().describe_violation(3000)
 
 
-def test_target_rounding_to_limit_shows_second_decimal():
+def test_target_just_beyond_limit_is_shown_with_two_decimals():
     limits = Limits.of("lift", math.radians(-98.0), 1.5, "user")
     lift = DrivenJoint(JointMap.revolute("lift", 1, 1, 2048, 65536), limits, 1.0)
     assert lift.describe_violation(2048 - 17846) == (

@@ -17,7 +17,7 @@ def following():
     return TrackingMonitor(["elbow", "wrist"], MOST)
 
 
-def test_third_late_cycle_in_a_row_stops_motion():
+def test_third_following_error_in_a_row_stops_motion():
     watch = following()
     watch.update(GOALS, LATE)
     watch.update(GOALS, LATE)
@@ -25,7 +25,7 @@ def test_third_late_cycle_in_a_row_stops_motion():
         watch.update(GOALS, LATE)
 
 
-def test_cycle_in_time_restarts_following_error_count():
+def test_cycle_without_following_error_restarts_count():
     watch = following()
     for measured in (LATE, LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -37,7 +37,7 @@ def test_following_error_at_exact_maximum_is_allowed():
         watch.update(np.zeros(2), -MOST)
 
 
-def test_third_late_cycle_after_cycle_in_time_stops_motion():
+def test_third_following_error_after_restart_stops_motion():
     watch = following()
     for measured in (LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -54,7 +54,7 @@ def test_joint_ahead_of_goal_or_nan_counts_as_following_error(measured):
         watch.update(GOALS, np.array(measured))
 
 
-def test_following_error_names_all_late_joints():
+def test_following_error_names_all_lagging_joints():
     watch = following()
     for _ in range(2):
         watch.update(GOALS, GOALS - 1.0)

@@ -23,7 +23,7 @@ def measured_at(tick, *, goal=2048, time_s=1.0):
 
 
 @pytest.mark.parametrize("lead", [LEAD, -LEAD, 0])
-def test_goal_with_maximum_lead_passes(lead):
+def test_goal_with_maximum_lead_is_accepted(lead):
     goal = 2048 + lead
     measured_at(2048, goal=goal - 50 * (lead > 0) + 50 * (lead < 0)).check_goal(goal, LONG_S, 1.0)
 
@@ -93,7 +93,7 @@ def test_measurement_with_nan_or_infinite_time_is_ignored(time_s):
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan])
-def test_speed_not_above_zero_is_refused_for_all_joints(speed):
+def test_joint_speed_limit_must_be_above_zero(speed):
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     with pytest.raises(RefusedError, match="The speed of elbow must be above zero"):
         gate.set_speeds({"wrist": 1.0, "elbow": speed})
@@ -122,13 +122,13 @@ def test_motion_slows_from_75_percent_of_maximum_lead(goal, share):
 
 
 @pytest.mark.parametrize("goal", [2048 + 200, 2048 - 200])
-def test_motion_with_too_large_lead_stands_and_never_reverses(goal):
+def test_motion_pauses_but_never_reverses_if_lead_is_too_large(goal):
     joint = measured_at(2048, goal=goal)
     assert joint.ease() == 0.0
     assert joint.allowed_advance_s(0.01) == 0.0
 
 
-def test_advance_in_long_cycle_stays_within_maximum_lead():
+def test_allowed_advance_in_long_cycle_respects_maximum_lead():
     advance_s = measured_at(2048, goal=2048 + 37).allowed_advance_s(0.2)
     assert advance_s == pytest.approx(100 / 2000)  # and one tick left for rounding
 
@@ -152,7 +152,7 @@ def test_allowed_advance_without_goals_is_full_time():
 
 
 @given(st.integers(-LEAD, LEAD), st.floats(0.0, 0.05), st.floats(0.0, 0.9999))
-def test_goals_that_advance_as_allowed_always_pass_gate(ahead_by, elapsed_s, phase):
+def test_goals_within_allowed_advance_always_pass_gate(ahead_by, elapsed_s, phase):
     joint = measured_at(2048, goal=2048 + ahead_by)
     further = math.floor(2000 * joint.allowed_advance_s(elapsed_s) + phase)
     goal = 2048 + ahead_by + int(math.copysign(further, ahead_by))

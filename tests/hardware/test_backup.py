@@ -27,12 +27,12 @@ def test_backup_writes_one_file_per_servo(bus, home):
     assert names == ["backups/so101/id_001_STS3215.toml", "backups/so101/id_002_XL430-W250.toml"]
 
 
-def test_backup_holds_whole_eeprom(bus):
+def test_eeprom_backup_contains_whole_eeprom(bus):
     path, _ = back_up_once(bus, "so101")
     assert read_backup(path).eeprom == read_eeprom(bus, 1)
 
 
-def test_first_backup_is_never_overwritten(bus):
+def test_first_eeprom_backup_is_never_overwritten(bus):
     back_up_once(bus, "so101")
     update_eeprom(bus, 1, {STS3215.homing_offset: -100})
     assert back_up_once(bus, "so101") == []
@@ -44,7 +44,7 @@ def test_another_model_at_same_id_gets_its_own_backup(bus):
     assert len(back_up_once(make_bus({1: "STS3250"}), "so101")) == 1
 
 
-def test_silent_servo_does_not_leave_backup_file(bus, home):
+def test_eeprom_backup_of_silent_servo_leaves_no_file(bus, home):
     add_faults(bus, ("silent", {"id": 2}))
     with pytest.raises(ServoSilentError):
         back_up_once(bus, "so101")
@@ -56,7 +56,7 @@ def test_arm_name_cannot_lead_out_of_backup_folder(bus, home):
     assert path.is_relative_to(home / "backups")
 
 
-def test_backup_writes_nothing_to_servo(bus):
+def test_eeprom_backup_writes_nothing_to_servo(bus):
     torque = bus.read(1, RegisterName.TORQUE_ENABLE)
     sent, write = [], bus.port.transport.write
     bus.port.transport.write = lambda data: (sent.append(bytes(data)), write(data))[1]

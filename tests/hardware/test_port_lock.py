@@ -92,7 +92,7 @@ LONG = pytest.param(100, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)]
 
 @pytest.mark.full
 @pytest.mark.parametrize("races", [1, LONG])
-def test_one_of_racing_processes_gets_port_lock(pty_name, races):
+def test_only_one_of_racing_processes_gets_port_lock(pty_name, races):
     chance = random.Random(3)
     for race in range(races):
         racers = [start(pty_name) for _ in range(chance.randint(2, 8) if race else 4)]

@@ -37,7 +37,7 @@ def test_open_port_changes_to_every_listed_baud_rate(pty_name, rate):
         assert port.transport.baudrate == rate
 
 
-def test_baud_rate_refused_by_adapter_leaves_old_one(port, line):
+def test_baud_rate_refused_by_adapter_keeps_old_one(port, line):
     def refuse(self, rate):
         if rate == 4_500_000:
             raise ValueError("invalid rate")

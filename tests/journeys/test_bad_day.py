@@ -96,7 +96,7 @@ def test_overheated_servo_during_motion_exits_5(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_error_names_joint_blocked_by_hand_and_recover_frees_it(terminal, simulator):
+def test_joint_blocked_by_hand_is_named_and_recovered(terminal, simulator):
     with under_way(terminal, simulator) as program:
         simulator.send_command("hand", joint="shoulder_pan", deg=5, force=50)
         ended = program.ended()

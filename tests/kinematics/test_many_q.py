@@ -53,7 +53,7 @@ def test_batch_jacobians_of_prismatic_chain_equal_each_one():
     np.testing.assert_allclose(crane().jacobian(q), [crane().jacobian(each) for each in q])
 
 
-def test_mimic_of_held_joint_stands_at_its_ratio():
+def test_mimic_of_fixed_leader_is_at_ratio_of_its_position():
     joints = [
         joint("arm", JointType.REVOLUTE, "base", "hand"),
         joint("jaw", JointType.PRISMATIC, "hand", "left", (0, 0, 0), (0, 1, 0), lower=0.02,
@@ -107,7 +107,7 @@ def test_mimic_without_ratio_follows_one_to_one():
     assert math.atan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.6)
 
 
-def test_mimic_that_leaves_leader_no_position_is_refused():
+def test_mimic_limits_that_leave_no_leader_position_are_refused():
     with pytest.raises(InputError, match="a has no position"):
         follower(3.0, 4.0, 1.0)
 

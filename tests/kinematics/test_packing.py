@@ -73,7 +73,7 @@ def test_packed_header_counts_joint_rows_and_limits():
     assert pack_chain(crane(), "base").shape == (2 + 0 + 2, WIDTH)
 
 
-def test_fixed_and_held_joints_have_no_packed_rows():
+def test_packed_chain_has_rows_only_for_moving_joints():
     assert pack_chain(planar(0.3, 0.2)).shape == (2 + 2 + 2, WIDTH)
     assert pack_chain(crane(), "lever").shape == (2 + 1 + 2, WIDTH)
 

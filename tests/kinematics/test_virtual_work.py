@@ -32,7 +32,7 @@ def test_joint_torques_do_same_virtual_work_as_force():
         assert work == pytest.approx(float(force @ moved), rel=1e-6, abs=1e-14)
 
 
-def test_moment_acts_on_joints_by_their_axes():
+def test_moment_load_gives_joint_torques_by_their_axes():
     tau = joint_torques(planar(0.3, 0.2), [0.2, 0.4], (0, 0, 0), moment_nm=(3.0, 4.0, 0.5))
     np.testing.assert_allclose(tau, [0.5, 0.5])
 

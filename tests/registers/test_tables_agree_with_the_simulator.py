@@ -10,7 +10,7 @@ from servosim.servo_models import TABLES
 OURS = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
 
 
-def test_driver_and_simulator_know_same_models():
+def test_driver_and_simulator_support_same_servo_models():
     assert set(MODELS) == set(TABLES) - {"STS3215-C018"}
 
 

@@ -38,7 +38,7 @@ def trapezoid(time_s, travel, speed, acceleration):
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_servo_reference_follows_trapezoid_within_1_percent(make_port, model):
+def test_servo_profile_follows_trapezoid_within_1_percent(make_port, model):
     registers, speed, acceleration = PROFILES[model]
     port = make_port(model)
     servo = port.line.servos[1]
@@ -86,7 +86,7 @@ def test_p_gain_gives_duty_by_divisor_of_model(make_port, model, divisor):
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
-def test_servo_without_acceleration_moves_at_goal_speed(make_port, model):
+def test_servo_with_acceleration_zero_moves_at_goal_speed(make_port, model):
     port = make_port(model)
     servo = port.line.servos[1]
     name, value, ticks_s = {
@@ -103,7 +103,7 @@ def test_servo_without_acceleration_moves_at_goal_speed(make_port, model):
     assert gone == pytest.approx(0.5 * ticks_s, abs=0.01 * 500)
 
 
-def test_present_speed_agrees_with_positions(make_port):
+def test_present_speed_equals_derivative_of_position(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)

@@ -51,7 +51,7 @@ def test_lerobot_finds_all_three_types_by_the_name_of_the_distribution():
     assert {"ikservo_leader", "ikservo_page"} <= TeleoperatorConfig.get_known_choices().keys()
 
 
-def test_lerobot_factories_make_robot_leader_and_page():
+def test_lerobot_factories_make_robot_and_both_teleoperators():
     from lerobot.robots import make_robot_from_config
     from lerobot.teleoperators import make_teleoperator_from_config
 

@@ -142,7 +142,7 @@ def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_agent_survives_10000_hostile_calls(open_session, name):
+def test_agent_server_survives_10000_hostile_calls(open_session, name):
     with open_session(name, consent=Consent.SIMULATOR) as session:
         run_calls(session, limited(3, 200))
         tracemalloc.start()
@@ -264,13 +264,13 @@ def test_cancelled_agent_call_stops_the_arm(open_session):
         assert 0.02 < abs(session.agent.arm.where().positions["shoulder_pan"]) < 1.4
 
 
-def test_names_and_texts_of_agent_are_quoted_as_data(simulated):
+def test_control_characters_in_agent_names_are_escaped(simulated):
     place = {"center_m": [0.1, 0.3, 0.1], "radius_m": 0.02}
     added = simulated.call("scene_add", kind="sphere", name=INJECTION[:40], **place)
     assert "\x1b" not in json.dumps(added, ensure_ascii=False)
 
 
-def test_disk_error_does_not_hide_other_errors(simulated, monkeypatch):
+def test_journal_disk_error_does_not_hide_planning_error(simulated, monkeypatch):
     def full(*_, **__):
         raise IkservoError("no space")
 
@@ -278,7 +278,7 @@ def test_disk_error_does_not_hide_other_errors(simulated, monkeypatch):
     assert "cannot be reached" in simulated.plan(move_to={"position_m": [1.5, 0.0, 0.1]})
 
 
-def test_where_and_stop_answer_while_the_arm_moves(open_session):
+def test_where_and_stop_tools_answer_while_arm_moves(open_session):
     with open_session(port="sim:?pose=home&paced=1") as session:
         session.agent.arm.enable()
         far = session.plan(move_joints={"positions": {"shoulder_pan": 1.5}, "speed": "slow"})

@@ -127,7 +127,7 @@ def test_scripted_accept_without_effect_is_repeated_later():
     assert answers == [None, "accept", None, None, "accept"]
 
 
-def test_one_narrow_sweep_among_joints_needs_the_longer_wait():
+def test_one_narrow_sweep_of_several_needs_4_s_wait():
     hand = Hand(subject(), subject("wrist", 2)).rest().accept()
     hand.move(1000, 1).move(-2000, 1).move(500, 2).move(-1000, 2)
     assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(4.0, abs=0.03), "accept")

@@ -39,7 +39,7 @@ def test_search_posture_keeps_tip_above_table_up_to_end_stop(so101):
     assert (heights > 0.0).all()
 
 
-def test_joints_already_measured_may_be_near_their_end_stops(so101):
+def test_already_measured_joints_may_be_near_their_end_stops(so101):
     model = so101[0]
     postures = PosturePlanner(model)
     for joint in ("wrist_flex", "elbow_flex"):

@@ -149,7 +149,7 @@ def test_damaged_partial_file_does_not_stop_auto_calibration(arm, narrow, run_cl
 
 
 @pytest.mark.full
-def test_joint_without_end_stop_is_not_driven_forever(arm, narrow, run_cli):
+def test_auto_search_of_joint_without_end_stop_ends(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(run_cli, narrow)
     assert (done.code, "joint2 has no end stop up to" in done.err) == (6, True)
@@ -250,7 +250,7 @@ def test_killed_search_is_cleared_by_next_calibration(arm, narrow, run_cli, kill
 
 @pytest.mark.full
 @pytest.mark.timeout(400)
-def test_sagged_pose_is_not_saved_without_a_question(arm, narrow, run_cli):
+def test_calibration_in_sagged_pose_is_not_saved_unconfirmed(arm, narrow, run_cli):
     set_stops(arm, "joint2", -0.436, 0.436)  # where the arm file has them
     arm.world.place("joint2", math.radians(5.0 + 7.1))
     done = auto(run_cli, narrow, "--skip joint1")
@@ -346,7 +346,7 @@ SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
-def test_folded_limp_arm_is_lifted_before_stops_are_searched(run_cli, name):
+def test_folded_arm_is_lifted_before_end_stops_are_searched(run_cli, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
     done = limp(run_cli, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err

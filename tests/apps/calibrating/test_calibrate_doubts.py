@@ -167,7 +167,7 @@ def calibrated(mount_arm, monkeypatch):
     return arm
 
 
-def test_calibrate_joint_keeps_the_other_joint(calibrated, run_cli):
+def test_calibrating_one_joint_keeps_values_of_the_other(calibrated, run_cli):
     before = saved()
     done = run_cli(f"{WORDS} --joint joint1 --yes")
     assert done.code == 0, done.err
@@ -179,7 +179,7 @@ def test_calibrate_joint_keeps_the_other_joint(calibrated, run_cli):
     )
 
 
-def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
+def test_calibrating_one_joint_needs_calibration_of_others(mount_arm, run_cli):
     arm = mount_arm(moved=["joint1"], sign=1)
     arm.line.servos[1].write("torque_enable", 1)
     done = run_cli(f"{WORDS} --joint joint1 --yes")
@@ -195,7 +195,7 @@ def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
         ("--joint joint1 --auto --yes", "--joint can only be given in a calibration by hand"),
     ],
 )
-def test_wrong_use_of_joint_option_gives_one_clear_error(calibrated, run_cli, words, message):
+def test_misused_joint_option_of_calibrate_gives_one_error(calibrated, run_cli, words, message):
     done = run_cli(f"{WORDS} {words}")
     assert (done.code, message in done.err) == (2, True), done.err
 

@@ -43,7 +43,7 @@ def test_unswept_joint_has_no_ends_and_keeps_arm_file_limits():
     assert unswept.limits(EXPECTED, 0.1, None) == EXPECTED
 
 
-def test_narrowest_of_sweep_arm_file_and_user_limit_binds():
+def test_narrowest_of_sweep_arm_file_and_user_limit_applies():
     found = measured(low=1536).limits(EXPECTED, 0.0, Limits.of("elbow", -2.0, 0.5, "user"))
     assert (found.lower.value, found.lower.source) == (pytest.approx(-math.pi / 4), "hand sweep")
     assert (found.upper.value, found.upper.source) == (0.5, "user")
@@ -101,12 +101,12 @@ def test_skipped_or_continuous_joint_keeps_arm_file_travel(word):
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
 
 
-def test_joint_moved_by_its_servos_is_marked_as_self_swept():
+def test_joint_moved_by_its_motor_is_marked_as_swept_by_motor():
     driven = replace(Hand(subject()).rest().accept().move(900).state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_driven_joint_of_known_travel_is_marked_as_self_swept():
+def test_motor_driven_joint_with_known_range_is_marked_as_such():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
     driven = replace(hand.state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"

@@ -139,7 +139,7 @@ def test_using_calibrated_arm_does_not_write_its_eeprom(mount_arm):
     assert arm.eeprom_writes() == writes
 
 
-def test_arm_with_vendor_zeros_does_not_need_calibration():
+def test_arm_with_factory_zeros_does_not_need_calibration():
     arm = make_mounted_arm("px100", 4, zero=2048, sign=1)
     with arm.open_bus() as bus:
         assert load_calibration_for(bus, load_model("px100")).zeros is ZeroSource.VENDOR
@@ -195,7 +195,7 @@ def test_endless_joint_is_limited_to_one_turn_of_its_servo():
     assert limits.upper.value == pytest.approx(math.pi, abs=0.01)
 
 
-def test_servo_eeproms_are_backed_up_once_at_first_contact(mount_arm, tmp_path):
+def test_servo_eeproms_are_backed_up_once_at_first_opening(mount_arm, tmp_path):
     arm = mount_arm("so101")
     with opened(arm):
         copies = sorted(path.name for path in (tmp_path / "backups").rglob("*.toml"))

@@ -72,7 +72,7 @@ def test_zero_of_unswept_joint_is_not_checked():
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
 
 
-def test_small_zero_shift_is_a_question_after_auto_sweep():
+def test_small_zero_shift_after_auto_sweep_needs_confirmation():
     hand = Hand(subject(), start=0).rest().accept()
     ends = [round(7.0 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=ends[0], high=ends[1])}

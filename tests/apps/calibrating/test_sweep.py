@@ -243,14 +243,14 @@ def test_joint_turned_too_fast_must_be_remeasured():
 
 
 @pytest.mark.parametrize(("gap_s", "lost"), [(0.3, False), (0.5, False), (0.7, True)])
-def test_turn_is_lost_if_hand_could_make_one_in_reading_gap(gap_s, lost):
+def test_turn_count_is_lost_if_gap_allows_an_unseen_turn(gap_s, lost):
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.at_s += gap_s
     hand.move(300, step=300)
     assert hand.state.tracks[1].lost is lost
 
 
-def test_undo_does_not_restore_lost_range():
+def test_undo_does_not_restore_range_of_lost_turn_count():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.move(1500, step=1500).say("remeasure elbow").say("undo")
     with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
@@ -326,7 +326,7 @@ def test_plausible_range_does_not_report_zero_shift(up, down):
 
 
 @pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])
-def test_unknown_answers_are_refused(word):
+def test_unknown_calibration_answers_are_refused(word):
     with pytest.raises(BadValueError, match="answer"):
         Hand(subject()).rest().accept().say(word)
 
@@ -358,7 +358,7 @@ def test_default_script_accepts_still_pose_and_full_sweep():
     assert scripted(hand, ScriptedAnswers(), moves) == ["accept", "accept"]
 
 
-def test_script_answers_are_given_in_order():
+def test_scripted_calibration_answers_are_given_in_order():
     hand = Hand(subject("a", 1), subject("b", 2))
     script = ScriptedAnswers(["accept", "skip a", "continuous b", "accept"])
     moves = [None] * 60 + [900, -1900]
@@ -370,18 +370,18 @@ def test_default_script_times_out_if_joint_is_never_moved():
         scripted(Hand(subject()), ScriptedAnswers(), [])
 
 
-def test_script_that_ends_too_early_is_refused():
+def test_calibration_script_that_ends_too_early_is_refused():
     with pytest.raises(CalibrationError, match="script ended"):
         scripted(Hand(subject()), ScriptedAnswers(["accept"]), [])
 
 
-def test_script_is_read_with_comments(tmp_path):
+def test_calibration_script_may_contain_comments(tmp_path):
     path = tmp_path / "script"
     path.write_text("accept   # the pose\n\nskip wrist_roll\naccept\n")
     assert read_script(path) == ["accept", "skip wrist_roll", "accept"]
 
 
-def test_script_error_names_its_line(tmp_path):
+def test_calibration_script_error_states_line_number(tmp_path):
     path = tmp_path / "script"
     path.write_text("accept\nskpi wrist_roll\n")
     with pytest.raises(FileFormatError, match="line 2"):

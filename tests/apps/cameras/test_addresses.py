@@ -120,7 +120,7 @@ def test_missing_network_camera_is_not_opened():
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory")
 @pytest.mark.parametrize("blocks", HOSTILE.values(), ids=HOSTILE)
-def test_hostile_camera_costs_bounded_time_and_memory(blocks):
+def test_hostile_network_camera_uses_bounded_time_and_memory(blocks):
     with serving(blocks) as address:
         ran = subprocess.run(
             [sys.executable, "-c", TRY, address], capture_output=True, timeout=60, check=True

@@ -82,7 +82,7 @@ def test_simulated_camera_shows_board_at_its_pose(camera):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_simulated_camera_has_same_place_for_any_start_pose(name):
+def test_simulated_camera_pose_does_not_depend_on_arm_pose(name):
     arm = read_arm_file(CONFIGS / name / "arm.toml")
     worlds = [make_arm_world(arm, pose) for pose in ("home", "rest")]
     cameras = [SimulatedCamera(world, BOARD.opencv()) for world in worlds]

@@ -76,7 +76,7 @@ def test_frozen_camera_picture_ends_calibration(monkeypatch):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("count", "suffices"), [(14, True), (40, False)])
-def test_half_of_requested_pictures_suffices(monkeypatch, count, suffices):
+def test_calibration_needs_at_least_half_of_requested_pictures(monkeypatch, count, suffices):
     _, camera = hidden_arm(monkeypatch, "so101", 1)
     hidden = "ikservo.apps.cameras.camera_calibration.is_visible"
     monkeypatch.setattr(hidden, lambda _board, _lens, poses: np.zeros(len(poses), bool))

@@ -52,7 +52,7 @@ def test_camera_model_matches_opencv_and_inverts_to_rays(distortion):
 
 
 @pytest.mark.parametrize("distortion", LENSES)
-def test_points_far_beside_picture_project_outside_it(distortion):
+def test_points_far_outside_view_project_outside_picture(distortion):
     camera = camera_of(distortion)
     angles = np.linspace(0.0, 2 * math.pi, 24)
     rays = np.array([[math.cos(a), math.sin(a)] for a in angles])

@@ -28,7 +28,7 @@ WITH_SECRETS = {
 
 
 @pytest.mark.parametrize(("source", "name"), WITH_SECRETS.values(), ids=WITH_SECRETS)
-def test_public_source_leaves_out_secrets(source, name):
+def test_displayed_camera_source_omits_password(source, name):
     assert public_source(source) == name
     assert public_source(name) == name
 
@@ -44,7 +44,7 @@ def test_public_source_leaves_out_secrets(source, name):
         "rtsp://cam/1",
     ],
 )
-def test_public_source_keeps_source_without_secret(source):
+def test_displayed_camera_source_without_secret_is_unchanged(source):
     assert public_source(source) == source
 
 

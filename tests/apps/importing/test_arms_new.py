@@ -296,7 +296,7 @@ def test_import_json_lists_every_file(make, tmp_path):
 
 
 @pytest.mark.full
-def test_arm_from_ruler_measurements_moves(run_cli, tmp_path):
+def test_arm_created_from_measured_lengths_moves(run_cli, tmp_path):
     joints = "--joint pan=z:0.06 --joint lift=y:0.12 --joint elbow=y:0.1"
     assert run_cli(f"arms new ruled {joints} --folder {tmp_path}").code == 0
     model = ikservo.load_model(tmp_path / "ruled")

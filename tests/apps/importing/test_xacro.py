@@ -72,7 +72,7 @@ def test_unused_xacro_property_does_not_run_code(run_cli, path, tmp_path, no_chi
 
 
 @needs_xacro
-def test_xacro_gets_packages_and_arguments(tmp_path):
+def test_xacro_receives_given_packages_and_arguments(tmp_path):
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "part.xacro").write_text(
         '<robot xmlns:xacro="http://ros.org/wiki/xacro"><link name="$(arg link)"/></robot>'

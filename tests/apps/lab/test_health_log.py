@@ -58,7 +58,7 @@ def test_comparison_names_joint_whose_backlash_grew():
     assert found >= 95
 
 
-def test_repeated_measurements_without_wear_do_not_raise_alarm():
+def test_repeated_health_checks_without_wear_give_no_warning():
     random = np.random.default_rng(4)
     alarms = 0
     for _ in range(200):

@@ -70,7 +70,7 @@ def test_sine_motion_starts_and_ends_at_rest():
     assert np.abs(q + 0.2).max() == pytest.approx(AMPLITUDE_RAD, rel=1e-3)
 
 
-def test_sine_response_detects_swing_at_rest():
+def test_sine_test_detects_oscillation_at_rest():
     motion = sine(2.0, 2.0)
     calm = response_of(motion, lambda goal, _: goal)
     shaken = response_of(
@@ -105,7 +105,7 @@ def test_sine_outside_joint_limits_moves_nothing(arm, amplitude_deg, hz, said):
 
 
 @pytest.mark.full
-def test_tunable_registers_are_tried_and_restored(arm):
+def test_sine_test_tries_registers_and_restores_them(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     held = bus.port.transport.line.servos[servo.id]
     registers = tunable_registers(servo)

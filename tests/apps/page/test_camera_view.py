@@ -55,7 +55,7 @@ def measured_joints(arm):
 
 
 @pytest.mark.full
-def test_click_in_mirrored_picture_is_refused_until_restored(arm, camera):
+def test_click_in_mirrored_camera_picture_is_refused(arm, camera):
     clock, picture, q = ManualClock(), camera.take(), measured_joints(arm)
     view = CameraView(arm, video := Video(picture), clock)
     look(view, clock, q)

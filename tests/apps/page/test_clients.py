@@ -62,7 +62,7 @@ def test_foreign_origin_is_refused():
     assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin)] == []
 
 
-def test_foreign_origin_may_not_fetch():
+def test_foreign_origin_may_not_fetch_page():
     assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin, upgrade=False)] == []
 
 

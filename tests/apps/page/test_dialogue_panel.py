@@ -132,7 +132,7 @@ def test_check_on_page_of_healthy_arm_reports_no_faults(panel):
     assert any("all 6 answer at 1000000 baud" in line for line in panel.fields()["lines"])
 
 
-def test_search_on_page_names_arms_that_have_these_servos(panel):
+def test_servo_search_on_page_names_arms_that_match(panel):
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim", any_servos=True))
     wait_for(panel, ended)
     assert "✓ arm: these are the servos of so100, so101." in panel.fields()["lines"]
@@ -148,7 +148,7 @@ def test_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
 
 
 @pytest.mark.full
-def test_set_up_on_page_gives_ids_and_can_begin_at_any_servo(panel):
+def test_servo_setup_on_page_assigns_ids_from_any_servo(panel):
     panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
     wait_for(panel, asked("Begin with the servo of"))
     assert panel.fields()["question"]["choices"][0] == "shoulder_pan"
@@ -164,7 +164,7 @@ def test_set_up_on_page_gives_ids_and_can_begin_at_any_servo(panel):
     assert panel.fields()["error"].startswith("Cancelled; this servo was not changed.")
 
 
-def test_second_dialogue_is_refused_while_one_runs(panel):
+def test_second_page_dialogue_is_refused_while_first_runs(panel):
     panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
     with pytest.raises(BadMessageError, match="Another dialogue is running"):
         panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))

@@ -163,7 +163,7 @@ def test_stop_ends_path_planning_and_discards_plan(session, monkeypatch, by):
     assert registers(session.arm, "goal_position") == before
 
 
-def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
+def test_newer_target_ends_path_search_for_older_one(session, monkeypatch):
     with slow_search(monkeypatch) as (begun, _):
         aim_right(session)
         until_begun(session, begun)
@@ -251,7 +251,7 @@ def test_path_shown_after_stop_is_executed_without_replanning(session):
     expect_along(plan, run_job(session))
 
 
-def test_thing_added_to_shown_path_is_avoided(session):
+def test_obstacle_added_to_shown_path_is_avoided(session):
     aim_right(session)
     session.planned()
     first = session.interaction.path
@@ -356,7 +356,7 @@ def test_blocked_tip_target_is_reached_in_another_posture():
         assert session.interaction.goal is None
 
 
-def test_typed_joint_posture_is_not_replaced_but_refused():
+def test_colliding_typed_posture_is_refused_and_not_replaced():
     with ViewSession() as session:
         session.arm.scene.add("sphere", "the lamp", center_m=LAMP_M, radius_m=0.015)
         session.send_message(page_messages.SetTool, what="x", value=260.0)

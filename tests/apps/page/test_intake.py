@@ -165,6 +165,6 @@ def test_refused_message_does_not_use_up_sequence_number(intake):
 
 
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
-def test_random_text_is_refused_without_other_error(words):
+def test_random_message_text_raises_only_refusal(words):
     with pytest.raises(BadMessageError):
         MessageFilter(0.0, read_message).accept(words, 0.0)

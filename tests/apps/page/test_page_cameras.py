@@ -108,7 +108,7 @@ def test_each_simulated_arm_gets_its_own_simulated_camera():
         view.close()
 
 
-def test_unknown_camera_of_one_arm_is_shown_as_trouble(
+def test_unknown_camera_of_one_arm_is_shown_as_its_error(
     arm,
 ):
     so101, koch = (ArmAtPort(load_model(name), "sim") for name in ("so101", "koch"))

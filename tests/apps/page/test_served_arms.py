@@ -67,7 +67,7 @@ def live(arm):
 
 
 @pytest.mark.full
-def test_stopping_one_arm_leaves_other_live_until_stop_all(two_arms):
+def test_stop_of_one_arm_leaves_other_in_live_mode(two_arms):
     arms, listed = two_arms
     for arm in arms.all():
         live(arm)
@@ -83,7 +83,7 @@ def test_stopping_one_arm_leaves_other_live_until_stop_all(two_arms):
 
 @pytest.mark.full
 @pytest.mark.parametrize("key", ["Space", "Escape"])
-def test_arms_stopped_by_key_report_the_key(two_arms, key):
+def test_stop_reason_of_arms_stopped_by_key_names_the_key(two_arms, key):
     arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     for arm in arms.all():

@@ -100,7 +100,7 @@ def test_servo_search_can_be_closed_at_once(monkeypatch, transport):
     session.bench.close()
 
 
-def test_lost_servo_port_is_opened_again(line, transport):
+def test_lost_port_of_servo_page_is_reopened(line, transport):
     line.until("line", lambda frame: len(frame["servos"]) == 2)
     write = transport.write
 
@@ -122,7 +122,7 @@ def test_plot_of_servo_register_shows_its_value(session):
     assert first["values"][0][0] == 7.4
 
 
-def test_wrong_servo_commands_are_answered_with_notes(session):
+def test_invalid_servo_commands_on_page_show_a_note(session):
     for fields, said in (
         ({"joint": "elbow"}, "elbow_flex"),
         ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "cannot write"),
@@ -229,7 +229,7 @@ def test_trial_gains_are_plotted_and_former_gains_restored(raised):
 
 
 @pytest.mark.full
-def test_better_gains_are_suggested(raised):
+def test_servo_page_suggests_better_gains(raised):
     raised.act("suggest", joint="elbow_flex")
     trial = raised.until("trial", lambda frame: True)
     assert trial["gains"]["p_gain"] >= 32
@@ -260,7 +260,7 @@ def test_gain_trial_needs_servo_of_an_arm(line):
 
 
 @pytest.mark.parametrize("end", ["stop", "leave", "close"])
-def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
+def test_end_of_gain_trial_restores_former_gains(monkeypatch, end):
     lines, write, stop = [], gain_search.write_gains, Arm.stop
     changed, stopped = threading.Event(), threading.Event()
 

@@ -80,7 +80,7 @@ def test_register_is_written_with_unit_and_shown(session):
         ("p_gian", "3", "p_gain"),
     ],
 )
-def test_forbidden_register_write_is_note_and_stops_nothing(session, register, value, said):
+def test_refused_register_write_shows_note_without_stop(session, register, value, said):
     session.arm.disable_torque()
     before = held(session).read("p_gain")
     shown = write(session, register, value)

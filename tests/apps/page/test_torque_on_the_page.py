@@ -90,7 +90,7 @@ def test_stop_by_another_program_is_latched_on_limp_arm(limp):
     assert limp.arm_thread.snapshot.stop_notice is not None
 
 
-def test_simultaneous_stop_names_servo_that_lost_torque(session):
+def test_stop_notice_names_servo_that_lost_torque(session):
     line = line_of(session.arm)
     line.servos[servo_id("so101", "wrist_flex")].write("torque_enable", 0)
     session.send_message(page_messages.Stop, by="button")

@@ -127,7 +127,7 @@ def test_calibration_answer_counts_only_for_its_own_screen(hidden):
     assert reviewed == 20
 
 
-def test_unsuitable_calibration_answer_is_explained(calibration):
+def test_unsuitable_calibration_answer_shows_reason(calibration):
     talks = calibration.run()
     calibration.put_answer("skip nowhere", next(talks).number)
     assert "no joint named" in str(next(talks).item.error)

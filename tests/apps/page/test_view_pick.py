@@ -226,7 +226,7 @@ AROUND = [np.array([u, v]) for u in np.linspace(-2.3, 2.3, 7) for v in np.linspa
 
 @pytest.mark.parametrize("view", ["front", "orbit"])
 @pytest.mark.parametrize("along_px", [(90.0, 0.0), (0.0, 90.0), (60.0, 60.0), (80.0, -30.0)])
-def test_one_pixel_wide_link_is_found_in_whole_pick_square(view, along_px):
+def test_one_pixel_wide_link_is_found_within_pick_tolerance(view, along_px):
     camera, middle, along = looked_at("so101", view), VIEWPORT.centre_px, np.array(along_px)
     radius_m = 0.5 / float(camera.pixels_per_metre(1.0))
     for away in AROUND:
@@ -269,7 +269,7 @@ def test_pick_returns_pixel_of_link_nearest_to_pointer(kind, camera, seed):
             assert hits[link].away_px <= nearest_px
 
 
-def test_thing_behind_camera_is_not_picked():
+def test_obstacle_behind_camera_is_not_picked():
     camera = looked_at("so101", "orbit")
     behind = camera.eye_m - 0.5 * camera.forward
     thing = Picker({"x": one_capsule(behind, behind + 0.1, 0.05)})

@@ -23,7 +23,7 @@ from ikservo.model.arm_model import HealthLimits
 TIP = np.array([0.2, 0.0, 0.15])
 
 
-def test_unreachable_target_is_described_as_on_command_line():
+def test_unreachable_target_text_equals_that_of_command_line():
     aim = TargetMarker(
         TIP + np.array([0.5, 0, 0]),
         TIP,
@@ -72,7 +72,7 @@ def test_health_values_are_shown_with_units():
 
 
 @pytest.mark.parametrize(("torque", "past"), [(True, "beyond"), (False, "near")])
-def test_joint_past_limit_is_marked_beyond_unless_limp(torque, past):
+def test_joint_beyond_limit_is_marked_if_torque_is_on(torque, past):
     model = load_model("so101")
 
     def nearness(at):

@@ -48,7 +48,7 @@ def again(served, follow, is_done=None):
 
 
 @pytest.mark.full
-def test_streamed_goals_move_the_arm(served):
+def test_remote_streamed_goals_move_arm(served):
     with served.open() as arm:
         start = arm.where()["shoulder_pan"].position_rad
         with arm.stream(speed="fast", rate_hz=100) as stream:
@@ -59,7 +59,7 @@ def test_streamed_goals_move_the_arm(served):
     assert (stream.sent, stream.refused, stream.unreached) == (sent, 0, 0)
 
 
-def test_setpoint_inbox_accepts_end_before_start_of_stream(served):
+def test_setpoint_inbox_applies_end_to_its_own_stream_only(served):
     inbox, lease = SetpointInbox(), "ab"
 
     def sent(number, **goal):
@@ -78,7 +78,7 @@ def test_setpoint_inbox_accepts_end_before_start_of_stream(served):
     assert (inbox.wanted, inbox.take()) == (True, None)
 
 
-def test_a_stream_without_goals_stops_the_arm(served):
+def test_remote_stream_without_goals_stops_arm(served):
     with served.open() as arm:
         served.server.lease.timeout_s = 1.0
         stream = arm.stream()
@@ -91,7 +91,7 @@ def test_a_stream_without_goals_stops_the_arm(served):
 
 
 @pytest.mark.parametrize("goals", [0, 5])
-def test_follow_without_goals_stops_and_latches(served, goals):
+def test_remote_follow_without_goals_stops_arm_and_latches(served, goals):
     def targets():
         yield from [{"wrist_roll": joint_of(served, "wrist_roll")}] * goals
         while True:
@@ -142,7 +142,7 @@ def test_silent_local_leader_stops_remote_follower(served):
         arm.acknowledge()
 
 
-def test_a_stream_may_end_before_its_first_goal(served):
+def test_remote_stream_may_end_before_its_first_goal(served):
     with served.open() as arm:
         with arm.stream() as stream:
             pass
@@ -256,7 +256,7 @@ def test_silent_operator_loses_lease_and_arm_holds(served):
     arm.close()
 
 
-def test_closed_operator_connection_is_noticed_at_once(served):
+def test_closed_operator_connection_is_detected_at_once(served):
     def cut(connection):
         connection._closed.set()
         connection._session.close()
@@ -347,7 +347,7 @@ OPEN = {"move_gripper": {"to": "open"}}
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 2**53])
-def test_stop_ends_queued_motion_despite_its_higher_stop_count(served, ahead):
+def test_stop_ends_queued_motion_even_if_stop_count_is_higher(served, ahead):
     before, count = goals_sent(served.arm), served.arm.background.stop_count + ahead
     request = ServiceRequest(schema=SCHEMA, stop_count=min(count, 2**53))
     arrived = served.server._requested(request)  # and waits for its turn
@@ -395,7 +395,7 @@ def test_message_flood_does_not_delay_stop(served):
 
 @pytest.mark.parametrize(("operator", "shown"), [("bob\n\rmallory", "bob mallory"),
                                                  (" \n", "somebody")])  # fmt: skip
-def test_names_of_other_machines_stay_on_one_line(served, operator, shown):
+def test_line_breaks_in_remote_names_are_removed(served, operator, shown):
     client = served.connect()
     key, request = keys.drive("desk", "lease"), client._request({"operator": operator})
     lease = result_of(ask(client._session, key, request, 5.0)[0][1])["lease"]

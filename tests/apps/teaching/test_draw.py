@@ -14,7 +14,7 @@ def square(tmp_path):
 
 
 @pytest.mark.full
-def test_a_csv_is_drawn_and_reported_like_a_move(run_cli, square):
+def test_csv_drawing_is_executed_and_reports_like_a_move(run_cli, square):
     result = run_cli(f"draw {square} {AT} --scale 0.5 --tool-speed 40 {SIM} --json")
     assert result.code == 0
     assert result.json["schema"] == "ikservo/move/1"

@@ -70,7 +70,7 @@ def test_bench_table_has_line_for_each_kind_of_cycle(run_cli):
 
 
 @pytest.mark.parametrize("torque", [0, 1])
-def test_bench_moves_nothing_and_keeps_torque(run_cli, monkeypatch, torque):
+def test_bench_command_moves_nothing_and_keeps_torque(run_cli, monkeypatch, torque):
     def change(line):
         for servo in line.world.servos:
             servo.write("torque_enable", torque)

@@ -161,7 +161,7 @@ SPOILED = {"p_gain": 20, "d_gain": 10, "max_temperature_limit": 60, "max_positio
 
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009"])
-def test_restore_after_killed_restore_gives_same_backup(model, tmp_path):
+def test_restore_after_killed_restore_yields_backup_values(model, tmp_path):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     for packets in range(KILLED_AT):
         line = line_of(model)
@@ -290,7 +290,7 @@ def test_id_taken_at_new_baud_rate_is_refused_before_writing():
         ("XL430-W250", "protocol_type", 1),
     ],
 )
-def test_register_that_ends_replies_or_shares_goals_is_protected(model, name, raw):
+def test_registers_for_replies_and_shared_goals_are_protected(model, name, raw):
     line = line_of(model)
     with pytest.raises(RegisterAccessError):
         write(line, {name: raw})
