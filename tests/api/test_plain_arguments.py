@@ -23,7 +23,7 @@ def test_solve_refuses_value_that_is_not_an_arm(arm):
         ikservo.solve(arm, POINT_M)
 
 
-def test_solve_of_model_starts_from_home_pose():
+def test_solve_given_a_model_starts_from_home_pose():
     model = ikservo.load_model("so101")
     from_home = ikservo.solve(model.chain, ikservo.Target(POINT_M), model.chain_pose("home"))
     np.testing.assert_array_equal(ikservo.solve(model, POINT_M).q, from_home.q)

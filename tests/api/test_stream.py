@@ -197,7 +197,7 @@ def test_next_stream_send_after_servo_fault_raises_error(arm):
         send_for_ever(stream)
 
 
-def test_error_in_stream_block_brakes_and_is_raised(arm):
+def test_error_in_stream_block_brakes_arm_and_is_raised(arm):
     def send_and_stumble():
         with arm.stream(rate_hz=50) as stream:
             for _ in range(10):
@@ -212,7 +212,7 @@ def test_error_in_stream_block_brakes_and_is_raised(arm):
 
 
 @pytest.mark.full
-def test_open_stream_refuses_motions_but_allows_where(arm):
+def test_open_stream_refuses_motions_but_allows_reading_state(arm):
     with arm.stream(rate_hz=50) as stream:
         stream.send({"wrist_roll": 0.1})
         assert arm.where()["wrist_roll"].position_rad < 0.2
@@ -233,7 +233,7 @@ def test_stream_without_setpoints_moves_nothing(arm):
     assert registers(arm, "goal_position") == goals
 
 
-def test_stream_refuses_setpoints_outside_its_block(arm):
+def test_stream_refuses_setpoints_outside_with_block(arm):
     stream = arm.stream(rate_hz=50)
     with pytest.raises(ikservo.RefusedError, match="not open"):
         stream.send({"wrist_roll": 0.1})

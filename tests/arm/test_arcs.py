@@ -79,7 +79,7 @@ def test_absurdly_low_tool_speed_of_line_is_refused():
         assert registers(arm, "goal_position") == goals
 
 
-def test_speed_class_slow_limits_tool_speed_of_line():
+def test_slow_speed_limits_tool_speed_of_line():
     arm, tip_m = held("so101")
     with arm:
         plan = arm.plan_line(tip_m + at(-0.04, 0.09, 0.05), tool_speed_m_s=0.3, speed="slow")
@@ -99,7 +99,7 @@ def test_measured_tip_speed_equals_requested_tool_speed():
     assert distance_m / (middle[-1, 0] - middle[0, 0]) == pytest.approx(0.02, rel=0.05)
 
 
-def test_collinear_zero_radius_and_unreachable_arcs_move_nothing():
+def test_invalid_or_unreachable_arc_moves_nothing():
     arm, tip_m = held("so101")
     with arm:
         goals = registers(arm, "goal_position")

@@ -72,7 +72,7 @@ def left_by_us_m(name, count):
 
 
 @pytest.mark.full
-def test_median_true_tip_error_is_within_half_a_millimetre():
+def test_median_true_tip_error_is_at_most_half_a_millimetre():
     assert float(np.median(list(left_by_us_m("so101", 12)))) <= 0.5e-3
 
 
@@ -141,7 +141,7 @@ def test_motion_report_separates_motion_and_settling_time(arm):
 
 
 @pytest.mark.full
-def test_not_settled_error_contains_the_motion_report(arm, monkeypatch):
+def test_error_of_unsettled_motion_contains_motion_report(arm, monkeypatch):
     settle = plan_execution.settle
     loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
     monkeypatch.setattr(plan_execution, "settle", loose)
@@ -204,7 +204,7 @@ def test_motion_report_names_stuck_joint_with_bounded_lead(arm):
     ],
 )
 @pytest.mark.parametrize("short_rad", [0.05, 0.12])
-def test_blocked_joint_is_not_pressed_into_overload_shutdown(name, joint, by_rad, short_rad):
+def test_blocked_joint_does_not_cause_servo_overload_shutdown(name, joint, by_rad, short_rad):
     with ikservo.open_arm(name, port=f"{PORT}&pose=home&seed=1", collisions=False) as machine:
         machine.enable()
         servo, goal = servo_id(name, joint), machine.where().positions[joint] + by_rad

@@ -52,7 +52,7 @@ def test_commanded_tip_of_drawing_is_on_stroke_or_lifted(arm):
 
 
 @pytest.mark.campaign
-def test_a_drawing_is_executed_and_its_path_error_reported(arm):
+def test_drawing_is_executed_and_reports_its_path_error(arm):
     report = arm.draw([SQUARE, DASH], tool_speed_m_s=0.04)
     assert report.reached
     assert np.linalg.norm(true_tip_m(arm) - DASH[-1] - (0, 0, 0.01)) < 2e-3
@@ -93,13 +93,13 @@ def test_error_names_first_unreachable_point_of_drawing(arm):
 
 
 @pytest.mark.sample(1)
-def test_a_drawing_below_the_table_is_refused(arm):
+def test_drawing_below_the_table_is_refused(arm):
     with pytest.raises((RefusedError, UnreachableError)):
         arm.draw([SQUARE - (0, 0, 0.2)])
 
 
 @pytest.mark.full
-def test_drawing_reports_one_tool_speed_for_all_strokes():
+def test_drawing_plan_reports_one_tool_speed_for_all_strokes():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")
         speed = arm.plan_drawing([SQUARE, DASH], tool_speed_m_s=0.03).tool_speed

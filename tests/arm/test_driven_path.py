@@ -75,7 +75,7 @@ def test_plan_of_another_scene_is_checked_in_current_scene():
         arm.execute(plan)
 
 
-def test_a_plan_of_another_arm_is_refused():
+def test_plan_of_another_arm_is_refused():
     with ikservo.open_arm("px100", port="sim:?pose=home") as arm:
         plan = arm.plan_joints({"waist": 0.1})
     with so101() as arm, pytest.raises(RefusedError, match="The plan moves waist"):

@@ -187,7 +187,7 @@ def test_overload_alarm_makes_joint_hold_its_position(either):
     ("kind", "details", "words"),
     [("hot", {"celsius": 66.0}, "6[56] °C"), ("voltage", {"volts": 3.9}, "supply|alarm|voltage")],
 )
-def test_alarm_error_names_temperature_or_voltage(kind, details, words):
+def test_servo_alarm_error_names_temperature_or_voltage(kind, details, words):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         inject(arm, kind, **details)
@@ -196,7 +196,7 @@ def test_alarm_error_names_temperature_or_voltage(kind, details, words):
 
 
 @pytest.mark.full
-def test_arm_stops_if_a_joint_loses_torque_silently():
+def test_arm_stops_if_a_joint_loses_torque_without_alarm():
     with ikservo.open_arm("so101", port="sim") as arm:
         swing(arm)
         # the forearm weighs 0.43 N m, twice what friction holds; on the shoulder it is 0.07
@@ -241,7 +241,7 @@ def test_closed_arm_raises_port_error(arm):
         arm.where()
 
 
-def test_joints_turned_by_hand_do_not_snap_back_at_torque_on():
+def test_joints_turned_by_hand_do_not_jump_back_at_torque_on():
     with ikservo.open_arm("so101", port="sim") as arm:
         world = line_of(arm).world
         arm.enable()
@@ -266,7 +266,7 @@ def test_arm_stops_if_a_servo_reports_no_status(arm, monkeypatch):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("for_s", "silent"), [(1e3, ""), (0.02, ""), (0.02, "4")])
-def test_error_reports_power_cut_in_motion(either, for_s, silent):
+def test_error_reports_power_cut_during_motion(either, for_s, silent):
     world = line_of(either).world
     servos = {servo.id: servo for servo in world.servos}
 

@@ -74,7 +74,7 @@ def test_limp_arm_stays_in_rest_pose_with_mujoco_contacts(name):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALL)
-def test_first_motion_from_rest_reaches_its_target(name):
+def test_first_motion_from_rest_pose_reaches_its_target(name):
     with ikservo.open_arm(name, port="sim") as arm:
         target_m = home_tip_m(arm.model)
         assert arm.move_to(target_m).reached

@@ -80,7 +80,7 @@ def test_hls_servo_with_zero_goal_torque_moves_after_torque_on():
 
 
 @pytest.mark.parametrize("speed_rad_s", [0.05, 0.1, 0.5, 3.0])
-def test_hls_profile_speed_is_not_below_motion_speed(speed_rad_s):
+def test_hls_servo_profile_speed_is_not_below_motion_speed(speed_rad_s):
     bus = make_bus({1: "HLS3606M"})
     limits = ServoRamLimits(bus, [1])
     limits.prepare(1)

@@ -48,7 +48,7 @@ def assigns_to_itself(function):
     return False
 
 
-def test_control_predicates_and_properties_do_not_read_servos():
+def test_predicates_and_properties_do_not_read_servos():
     asked = [f for f in functions("control") if is_property(f[1]) or is_predicate(f[1])]
     assert len(asked) > 10
     assert [place for place, function in asked if reads_a_servo(function)] == []

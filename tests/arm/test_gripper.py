@@ -93,7 +93,7 @@ def test_slowly_closing_empty_jaws_report_no_grasp(name, begun, share):
 @pytest.mark.parametrize(
     "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
 )
-def test_minimum_force_grasps_object_between_jaws(name):
+def test_gripper_minimum_force_grasps_object(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         open_jaws(arm)
         at = put_between(arm, 0.3)
@@ -105,7 +105,7 @@ def test_minimum_force_grasps_object_between_jaws(name):
 
 
 @pytest.mark.parametrize(("name", "least"), LEAST.items())
-def test_error_for_too_small_force_names_minimum_force(name, least):
+def test_gripper_force_error_names_minimum_force(name, least):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         with pytest.raises(BadValueError, match=f"a fraction from {least:g} to 1 on this arm"):
             arm.gripper("close", force=least - 0.01)
@@ -113,7 +113,7 @@ def test_error_for_too_small_force_names_minimum_force(name, least):
 
 
 @pytest.mark.full
-def test_soft_object_is_pressed_until_it_stops_yielding(so101):
+def test_gripper_closes_until_soft_object_stops_yielding(so101):
     open_jaws(so101)
     closed, opened = jaws(so101).closed, jaws(so101).open
     there, end = (closed + share * (opened - closed) for share in (0.6, 0.3))
@@ -124,7 +124,7 @@ def test_soft_object_is_pressed_until_it_stops_yielding(so101):
     assert report.position_rad == pytest.approx(end, abs=0.04 * (opened - closed))
 
 
-def test_jaws_stuck_open_report_no_grasp(so101):
+def test_jaws_that_are_stuck_open_report_no_grasp(so101):
     open_jaws(so101)
     line_of(so101).servos[servo_id("so101", "gripper")].motor.stuck = True
     report = so101.gripper("close")

@@ -41,7 +41,7 @@ def test_settling_goal_outside_limits_moves_only_inwards():
     assert outside[-1] < 2000.0
 
 
-def test_correction_raises_goal_of_sagging_joint():
+def test_settling_correction_raises_goal_of_sagging_joint():
     goals = feed(creep(), [1980] * 20)
     assert goals == sorted(goals)
     assert goals[-1] > 2000
@@ -57,7 +57,7 @@ def test_settling_joint_without_target_keeps_its_goal():
     assert set(goals) == {2000.0}
 
 
-def test_correction_of_stuck_joint_stays_within_max_lead():
+def test_settling_correction_of_stuck_joint_is_bounded():
     joint = creep()
     goals = feed(joint, [1990] * 2000)
     assert max(goals) <= 1990 + joint.driven.max_lead_ticks(0.0) + 1
@@ -196,7 +196,7 @@ def test_settling_ends_and_keeps_goals_once_target_is_reached():
     assert trajectory.residuals == ()
 
 
-def test_joint_that_slips_late_in_settling_comes_to_rest():
+def test_joint_that_slips_late_during_settling_comes_to_rest():
     # as an elbow of an so101 was: 2 ticks off, held by friction for 2.9 s while its goal crept on
     trajectory = settle_with(lambda time_s: 2002 if time_s < 2.97 else 1998)
     assert trajectory.moving_joints == ()

@@ -150,7 +150,7 @@ def test_jaws_open_at_obstacle_without_collision_checks():
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["omx_f", "koch"])
-def test_jaws_open_and_close_after_limp_arm_has_sunk(name):
+def test_jaws_open_and_close_after_limp_arm_has_sagged(name):
     with ikservo.open_arm(name, port="sim") as arm:
         clock_of(arm).sleep_until(clock_of(arm).now_s() + 5.0)
         assert arm.gripper("open").reached

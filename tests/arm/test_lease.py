@@ -53,7 +53,7 @@ def test_setpoint_is_accepted_if_newer_and_under_300_ms_old(lease, clock, number
     assert lease.dropped == (not counts)
 
 
-def test_setpoints_of_an_earlier_lease_are_dropped(lease, clock):
+def test_setpoints_sent_under_an_earlier_lease_are_dropped(lease, clock):
     old = lease.acquire("ada").lease
     lease.release(old)
     lease.acquire("ada")
@@ -73,7 +73,9 @@ def test_dropped_setpoint_does_not_refresh_lease(lease, clock):
     ("own", "number", "age_s", "text"),
     [(False, 3, 0.0, "does not control"), (True, 2, 0.0, "repeated"), (True, 3, 0.4, "0.4 s")],
 )
-def test_lease_refuses_foreign_repeated_or_late_request(lease, clock, own, number, age_s, text):
+def test_control_lease_refuses_foreign_repeated_or_late_request(
+    lease, clock, own, number, age_s, text
+):
     held = lease.acquire("ada").lease
     now_s = after(clock, 1.0)
     lease.check_request(held, 2, now_s)
@@ -92,7 +94,7 @@ def test_motion_is_refused_after_loss_of_lease(lease):
         pass
 
 
-def test_closed_lease_refuses_motions_and_operators(lease):
+def test_closed_control_lease_refuses_motions_and_operators(lease):
     held = lease.acquire("ada").lease
     lease.close()
     with pytest.raises(LeaseLostError), lease.motion(held):

@@ -26,7 +26,7 @@ def joint(arm):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
-def test_feetech_goal_speed_is_at_most_30_percent_above_class(sts, speed, deg_s):
+def test_feetech_goal_speed_is_at_most_1_3_times_motion_speed(sts, speed, deg_s):
     sts.move_joints({joint(sts): 0.05})
     sts.move_joints({joint(sts): 0.0}, speed=speed)
     ticks_s = deg_s * 4096 / 360
@@ -36,7 +36,7 @@ def test_feetech_goal_speed_is_at_most_30_percent_above_class(sts, speed, deg_s)
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
-def test_dynamixel_profile_is_at_most_30_percent_above_class(x_series, speed, deg_s):
+def test_dynamixel_profile_is_at_most_1_3_times_motion_speed(x_series, speed, deg_s):
     x_series.move_joints({joint(x_series): 0.05})
     x_series.move_joints({joint(x_series): 0.0}, speed=speed)
     counts = deg_s / 6 / 0.229
@@ -91,7 +91,7 @@ def test_lost_profile_speed_is_reported_as_servo_reset(sts):
         sts.move_joints({joint(sts): 0.8}, on_progress=lose)
 
 
-def test_soft_dynamixel_gains_are_raised_to_carry_the_arm(x_series):
+def test_low_dynamixel_gains_are_raised_to_carry_the_arm(x_series):
     x_series.enable()
     gains = [registers(x_series, f"position_{part}_gain") for part in "pid"]
     assert {tuple(gain[i] for gain in gains) for i in (3, 4, 5)} == {(1500, 0, 600)}

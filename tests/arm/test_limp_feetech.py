@@ -33,7 +33,7 @@ def test_torque_switched_off_by_a_callback_stays_off(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stop", ["stop", "hold_servos"])
-def test_stop_leaves_limp_arm_limp(arm, stop):
+def test_stop_does_not_switch_torque_of_limp_arm_on(arm, stop):
     arm.move_joints({"shoulder_pan": 0.1})
     arm.disable_torque()
     if stop == "stop":

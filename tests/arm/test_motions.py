@@ -87,11 +87,11 @@ def test_motion_json_omits_default_values():
 
 
 @pytest.mark.parametrize("motion", EXAMPLES, ids=str)
-def test_motion_text_is_shorter_than_80_characters(motion):
+def test_text_of_every_motion_is_shorter_than_80_characters(motion):
     assert 3 < len(str(motion)) < 80
 
 
-def test_equal_motions_compare_equal_and_copy_their_arrays():
+def test_motions_with_equal_fields_are_equal_and_copy_arrays():
     point_m = np.array(NEAR)
     motion = MoveTo(point_m)
     point_m[:] = 0.0
@@ -101,7 +101,7 @@ def test_equal_motions_compare_equal_and_copy_their_arrays():
     assert len({motion, MoveTo(NEAR), MoveTo(FAR)}) == 2
 
 
-def test_one_number_array_is_refused_as_list_of_points():
+def test_array_of_one_number_is_refused_as_list_of_points():
     for kind in (MoveThrough, Draw):
         with pytest.raises(BadValueError, match=r"list of points is array\(0\.5\)"):
             kind(np.array(0.5))
@@ -272,7 +272,7 @@ def test_plan_execute_and_start_refuse_arguments_of_wrong_type(arm, what):
 
 
 @pytest.mark.full
-def test_plan_of_limp_arm_is_made_again_from_its_motion():
+def test_plan_of_limp_arm_is_recomputed_from_its_motion():
     with ikservo.open_arm("so101", port="sim") as limp:
         plan = limp.plan(MovePose("home"))
         assert plan.limp_arm is not None
@@ -300,7 +300,7 @@ def test_motion_is_immutable_and_replace_returns_changed_copy():
         (lambda arm: arm.pose("zero"), "plan_to_joints"),
     ],
 )
-def test_planner_call_stack_contains_no_closures(arm, monkeypatch, move, planned_by):
+def test_planner_is_called_without_closures(arm, monkeypatch, move, planned_by):
     names = []
 
     def note(*_args, **_options):

@@ -39,7 +39,7 @@ def test_every_arm_reaches_its_target_within_2_mm(name):
     assert report.reached
 
 
-def test_move_report_equals_the_servo_registers(arm):
+def test_move_report_equals_values_of_servo_registers(arm):
     report = arm.move_to(NEAR)
     np.testing.assert_allclose(report.measured_tip_m, true_tip_m(arm), atol=1e-9)
     assert report.error_m == pytest.approx(float(np.linalg.norm(true_tip_m(arm) - np.array(NEAR))))
@@ -88,7 +88,7 @@ def test_slow_speed_takes_twice_as_long_as_fast(arm):
 
 
 @pytest.mark.full
-def test_unreachable_point_moves_nothing_and_offers_nearest():
+def test_unreachable_point_error_suggests_nearest_point():
     with ikservo.open_arm("so101", port="sim:?pose=zero") as arm:  # stretched, as it will be there
         before = registers(arm, "goal_position")
         with pytest.raises(UnreachableError, match="Nearest reachable point") as caught:

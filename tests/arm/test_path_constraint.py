@@ -182,7 +182,7 @@ def test_path_constraint_is_serialised_with_motion():
 
 
 @needs_extension
-def test_compiled_and_python_projection_are_identical(monkeypatch):
+def test_compiled_constraint_projection_equals_python_code(monkeypatch):
     start, q = np.zeros(6), np.array([0.4, -0.3, 0.5, 0.2, -0.6, 0.1])
     point_m = np.array([0.25, 0.05, 0.2])
     _, tool = tool_of("wx250s", WHOLE, start)
@@ -195,7 +195,7 @@ def test_compiled_and_python_projection_are_identical(monkeypatch):
 
 
 @pytest.mark.parametrize("length", [1e200, 1e7, 1e-9])
-def test_constraint_direction_of_extreme_length_is_refused(length):
+def test_path_constraint_direction_of_extreme_length_is_refused(length):
     with pytest.raises(BadValueError):
         PathConstraint(above_m=(0.0, 0.0, 0.1), normal=(0.0, 0.0, length))
     with pytest.raises(BadValueError):

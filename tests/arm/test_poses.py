@@ -52,13 +52,13 @@ def test_saving_second_pose_keeps_first_pose(poses):
     assert set(poses.user_poses()) == {"cup", "plate"}
 
 
-def test_pose_saved_again_replaces_the_old_one(poses):
+def test_pose_saved_again_replaces_old_pose(poses):
     poses.save("cup", CUP)
     poses.save("cup", {**CUP, "joint1": 0.5})
     assert poses.get_pose("cup")["joint1"] == pytest.approx(0.5, abs=1e-5)
 
 
-def test_each_adapter_has_its_own_poses(poses, model):
+def test_poses_are_stored_per_adapter(poses, model):
     poses.save("cup", CUP)
     assert PoseLibrary(model, "OTHER").user_poses() == {}
 
@@ -79,7 +79,7 @@ def test_invalid_pose_name_is_refused(poses, name):
 
 
 @pytest.mark.parametrize("name", ["rest", "home", "zero"])
-def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
+def test_pose_of_arm_file_cannot_be_replaced(poses, name):
     with pytest.raises(BadValueError, match="pose of the arm file"):
         poses.save(name, CUP)
 
@@ -98,7 +98,7 @@ def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
         ("", "empty"),
     ],
 )
-def test_error_names_damaged_pose_file_and_keeps_it(poses, text, found):
+def test_damaged_pose_file_is_reported_and_kept(poses, text, found):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text(text)
     with pytest.raises(FileFormatError, match=found):

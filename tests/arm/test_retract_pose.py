@@ -44,7 +44,7 @@ def test_plan_via_retract_pose_contains_both_motions(folded):
 
 
 @pytest.mark.campaign
-def test_plan_from_free_arm_does_not_use_retract_pose(folded):
+def test_plan_of_collision_free_arm_does_not_use_retract_pose(folded):
     folded.pose("home")
     with pytest.raises(RefusedError, match="would touch the table"):
         folded.move_joints({"shoulder_lift": 1.5, "elbow_flex": 0.0, "wrist_flex": 0.0})
@@ -52,7 +52,7 @@ def test_plan_from_free_arm_does_not_use_retract_pose(folded):
 
 
 @pytest.mark.full
-def test_folded_arm_refuses_target_in_contact(folded):
+def test_folded_arm_refuses_target_in_collision(folded):
     before = registers(folded, "goal_position")
     with pytest.raises(RefusedError, match="would touch"):
         folded.move_to((0.25, 0.0, -0.05))

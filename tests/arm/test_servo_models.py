@@ -35,7 +35,7 @@ def planar_arm_of(tmp_path):
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("model", OF_ONE_SERIES_EACH)
-def test_arm_of_each_servo_series_moves_to_a_point(planar_arm_of, model):
+def test_arm_with_each_servo_series_moves_to_a_point(planar_arm_of, model):
     with ikservo.open_arm(planar_arm_of(model), "sim") as arm:
         report = arm.move_to([0.15, 0.1, 0.05])
         assert report.reached

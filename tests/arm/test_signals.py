@@ -46,7 +46,7 @@ def test_signal_brakes_arm_which_then_holds(arm, number, ends, words):
     assert abs(registers(arm, "present_position")[1] - 2048) < 600
 
 
-def test_arm_stands_still_within_300_ms_of_a_signal(arm):
+def test_arm_is_at_rest_within_300_ms_after_signal(arm):
     clock, times = clock_of(arm), []
 
     def watch(progress):
@@ -116,7 +116,7 @@ def test_signal_ends_program_that_catches_all_ikservo_errors(arm, number):
     assert gone_to == [1.2]
 
 
-def test_stop_by_program_raises_stopped_error_with_code_130(arm):
+def test_stop_call_raises_stopped_error_with_exit_code_130(arm):
     def watch(progress):
         if progress.elapsed_s > 0.4:
             arm.stop("enough")

@@ -34,7 +34,7 @@ def stop_and_acknowledge(arm):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("request_motion", REQUESTS.values(), ids=REQUESTS)
-def test_stop_during_preparation_ends_the_motion(arm, monkeypatch, request_motion):
+def test_stop_during_motion_preparation_ends_motion(arm, monkeypatch, request_motion):
     before = registers(arm, "goal_position")
     done = call_before(motion_runner(arm), "motion", monkeypatch, lambda: stop_and_acknowledge(arm))
     with pytest.raises(StoppedError):
@@ -44,7 +44,7 @@ def test_stop_during_preparation_ends_the_motion(arm, monkeypatch, request_motio
     assert arm.stop_reason is None
 
 
-def test_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
+def test_stop_during_torque_on_ends_the_motion(monkeypatch):
     with ikservo.open_arm("so101", port="sim") as arm:
         call_before(servo_group(arm), "enable", monkeypatch, lambda: stop_and_acknowledge(arm))
         before = arm.where().positions_rad
@@ -104,7 +104,7 @@ def test_motion_requested_during_braking_of_stopped_one_runs(arm):
 
 
 @pytest.mark.full
-def test_stop_while_plan_is_checked_ends_its_execution(arm, monkeypatch):
+def test_stop_during_plan_check_ends_its_execution(arm, monkeypatch):
     plan = arm.plan_joints({"shoulder_pan": 0.3})
     stop_and_acknowledge(arm)  # its torque is read again before the next motion
     before = registers(arm, "goal_position")

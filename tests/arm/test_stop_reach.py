@@ -112,7 +112,7 @@ def test_stopped_recover_command_keeps_torque_on(arm):
     assert torques(arm) == [True, True]
 
 
-def test_stop_ends_test_motion_of_servo_being_assigned(arm):
+def test_stop_ends_test_motion_of_servo_assignment(arm):
     servo = arm.line.servos[1]
     with open_bus(PLANAR, PORT) as bus:
         moving = _move_and_return(bus, 1)
@@ -154,7 +154,7 @@ def test_stop_request_before_port_is_open_is_obeyed(arm, stop):
 
 
 @pytest.mark.parametrize("other", ["so101", "koch"])
-def test_stop_of_other_arm_before_opening_is_ignored(arm, other):
+def test_stop_of_other_arm_before_port_opening_is_ignored(arm, other):
     request_stop_of(other)
     request_stop("/dev/ttyOTHER", "planar2")
     with open_own_arm(PLANAR, PORT) as machine:
@@ -162,7 +162,7 @@ def test_stop_of_other_arm_before_opening_is_ignored(arm, other):
     assert torques(arm) == [True, True]
 
 
-def test_stop_during_start_of_command_ends_the_command(arm, capsys):
+def test_stop_during_command_start_up_ends_command(arm, capsys):
     stop_own_programs()
     words = f"joints joint1=10 --arm planar2 --port {PORT} --yes".split()
     assert (main(words), torques(arm)) == (130, [False, False])

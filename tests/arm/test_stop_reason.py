@@ -109,7 +109,7 @@ def test_stop_request_without_braking_has_given_hint():
 @pytest.mark.parametrize(
     ("text", "headline"), [("", "no reason was given"), ("heat\nof the elbow", "heat")]
 )
-def test_stop_reason_headline_is_one_line(text, headline):
+def test_stop_reason_summary_is_one_line(text, headline):
     assert StopReason(StopKind.FAULT, text).headline == headline
 
 

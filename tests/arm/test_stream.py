@@ -51,7 +51,7 @@ def test_control_loop_runs_trajectory_to_its_end(either):
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
-def test_control_cycles_keep_their_rate_and_the_motion_time(arm):
+def test_control_loop_keeps_its_rate_and_motion_duration(arm):
     stream, cycles = ControlLoop(servo_group(arm)), []
     stream.run(course_of(servo_group(arm)), cycles.append)
     times = [cycle.time_s for cycle in cycles]
@@ -60,7 +60,7 @@ def test_control_cycles_keep_their_rate_and_the_motion_time(arm):
     assert times[-1] == cycles[-1].duration_s
 
 
-def test_control_rate_is_between_100_and_500_hz(either):
+def test_control_loop_rate_is_between_100_and_500_hz(either):
     assert 0.002 <= ControlLoop(servo_group(either)).measure_cycle_time_s() <= 0.010
 
 

@@ -37,21 +37,21 @@ def planned(name, point_m, **asked):
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "px100", "omx_f", "wx250s"])
 @pytest.mark.parametrize("degrees", [-70, -60, -45])
-def test_reachable_tool_pitch_is_met_within_0_1_degrees(name, degrees):
+def test_reachable_tool_pitch_is_reached_within_0_1_degrees(name, degrees):
     plan, R = planned(name, (0.2, 0.04, 0.08), pitch_rad=DEG(degrees))
     assert math.degrees(bench(name)[2].pitch_rad(R)) == pytest.approx(degrees, abs=0.1)
     np.testing.assert_allclose(plan.tip_m, (0.2, 0.04, 0.08), atol=2e-5)
 
 
 @pytest.mark.parametrize("name", ["so101", "omx_f", "wx250s"])
-def test_tool_pitch_and_roll_are_met_together(name):
+def test_tool_pitch_and_roll_are_reached_together(name):
     _, R = planned(name, (0.2, 0.04, 0.08), pitch_rad=DEG(-50), roll_rad=DEG(25))
     tool = bench(name)[2]
     assert math.degrees(tool.pitch_rad(R)) == pytest.approx(-50, abs=0.1)
     assert math.degrees(tool.roll_rad(R, 0.0)) == pytest.approx(25, abs=0.5)
 
 
-def test_tool_roll_alone_keeps_the_pitch():
+def test_requested_tool_roll_keeps_tool_pitch():
     _, chain, tool, here = bench("so101")
     _, R = planned("so101", (0.2, 0.04, 0.12), roll_rad=DEG(40))
     before = tool.pitch_rad(chain.forward(here[: chain.dof])[:3, :3])
@@ -59,7 +59,7 @@ def test_tool_roll_alone_keeps_the_pitch():
     assert math.degrees(tool.pitch_rad(R)) == pytest.approx(math.degrees(before), abs=1.0)
 
 
-def test_tool_direction_is_met_by_arm_with_free_wrist():
+def test_tool_direction_is_reached_by_arm_with_free_wrist():
     _, R = planned("wx250s", (0.2, 0.04, 0.15), direction=(1, 0.5, -1))
     np.testing.assert_allclose(
         R @ bench("wx250s")[2].approach_axis, np.array((1, 0.5, -1)) / 1.5, atol=1e-3
@@ -104,7 +104,7 @@ def test_impossible_orientation_error_suggests_possible_pitch(name, asked, word)
     assert "pitch" in error.instead
 
 
-def test_pitch_suggested_for_impossible_pitch_can_be_planned():
+def test_suggested_tool_pitch_can_be_planned():
     with pytest.raises(OrientationError) as caught:
         planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(60))
     offered = float(caught.value.instead.split("pitch ")[1].split("°")[0])

@@ -95,7 +95,7 @@ def test_events_lead_to_expected_torque_state(reasons, state, due):
         (("on", "loop_started", "releasing"), False, True),
     ],
 )
-def test_torque_state_tells_whether_torque_is_on_and_arm_moves(reasons, is_on, is_moving):
+def test_torque_state_tells_if_torque_is_on_and_arm_moves(reasons, is_on, is_moving):
     torque = machine(*reasons)
     assert (torque.is_on, torque.is_moving) == (is_on, is_moving)
 

@@ -52,7 +52,7 @@ def test_error_names_other_baud_rate_of_feetech_servos(open_with_servos, baud):
 
 
 @pytest.mark.parametrize("baud", [57_600, 115_200, 2_000_000, 4_000_000])
-def test_error_names_other_baud_rate_in_protocol_2(open_with_servos, baud):
+def test_error_names_other_baud_rate_of_dynamixel_servos(open_with_servos, baud):
     error = open_with_servos("koch", KOCH, baud)
     assert f"XL430-W250 at id 1, {baud} baud" in error.message
 

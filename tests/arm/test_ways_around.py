@@ -116,12 +116,12 @@ def test_blocked_line_is_refused_and_joint_move_is_suggested(beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-def test_goal_inside_an_obstacle_is_refused(beside_post):
+def test_joint_goal_inside_an_obstacle_is_refused(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.plan_to((0.22, 0.0, 0.1))
 
 
-def test_straight_motion_into_a_post_is_refused(beside_post):
+def test_straight_motion_through_post_is_refused(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.move_to(RIGHT, straight=True)
 

@@ -87,7 +87,7 @@ def picture(operator):
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def test_3d_links_of_arm_and_ghost_match_forward_kinematics(onlooker):
+def test_3d_links_of_arm_and_preview_match_forward_kinematics(onlooker):
     until(lambda: not misplaced(onlooker, "arm", measured(onlooker)))
     onlooker.drag(onlooker.tip_px(), np.array([50.0, -50.0])).release()
     onlooker.wait_for("scene.goal && !status.refused")
@@ -122,7 +122,7 @@ def test_drag_in_3d_view_moves_target_to_pointer(onlooker):
     onlooker.until(f"{SCENE}.markings.dots.count > 0")  # the path of the tip
 
 
-def test_3d_ghost_in_contact_is_red_and_message_names_pair(onlooker):
+def test_3d_preview_in_collision_is_red_and_links_are_named(onlooker):
     onlooker.type("#tool-z", "-40", "scene.refused_pair?.includes('gripper')")
     style = (
         f"(link) => Object.entries({SCENE}.ghostMaterials)"

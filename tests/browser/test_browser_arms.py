@@ -86,7 +86,7 @@ def test_page_without_arm_lists_opens_and_changes_arms(page):
         until(lambda: [arm.name for arm in served.app.arms.all()] == ["planar3"])
 
 
-def test_arm_list_is_legible_named_and_in_tab_order(page, two):
+def test_arm_list_is_legible_labelled_and_in_tab_order(page, two):
     for width, scheme in ((390, "dark"), (1100, "light")):
         page.set_viewport_size({"width": width, "height": 844})
         page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
@@ -108,7 +108,7 @@ def test_arm_list_is_legible_named_and_in_tab_order(page, two):
     assert reached == expected
 
 
-def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
+def test_space_key_stops_every_arm_and_list_shows_reason(page, two):
     operator = Operator(page, two)
     operator.enable_live()
     koch = two.app.arms.find("koch").arm_thread

@@ -257,7 +257,7 @@ def test_link_outlines_have_same_winding_direction(canvas):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_links_are_painted_from_back_to_front(canvas, view):
+def test_links_are_drawn_from_back_to_front(canvas, view):
     model, camera, home = model_of("so101"), looked_at("so101", view), stage("so101").home
     poses, ends = link_poses(model.chain, home, {}), {}
     for capsule in capsules_of(model):
@@ -267,7 +267,7 @@ def test_links_are_painted_from_back_to_front(canvas, view):
     assert np.diff(depths_m).max() < 2e-6
 
 
-def test_links_at_equal_depth_are_painted_in_order_of_names(canvas):
+def test_links_at_equal_depth_are_drawn_in_order_of_names(canvas):
     """In its own plane such an arm has these links at one depth, except for rounding."""
     graph, drawn = (
         graph_of(model_of("wx250s")),
@@ -281,18 +281,18 @@ def test_links_at_equal_depth_are_painted_in_order_of_names(canvas):
         assert [link for link in links if link in drawn] == drawn
 
 
-def test_ghost_is_painted_only_if_goal_differs_from_arm(canvas):
+def test_preview_is_drawn_only_if_goal_differs_from_arm(canvas):
     home = stage("so101").home
     assert not of_style(canvas.items(goal=home), "ghost")
     assert len(of_style(canvas.items(goal=home + 0.1), "ghost")) == 7
 
 
-def test_ghost_is_painted_behind_the_arm(canvas):
+def test_preview_is_drawn_behind_measured_arm(canvas):
     styles = [item["style"] for item in canvas.items(goal=stage("so101").home + 0.1)]
     assert max(i for i, s in enumerate(styles) if s == "ghost") < styles.index("measured")
 
 
-def test_refused_goal_marks_links_that_would_touch(canvas):
+def test_refused_goal_marks_links_that_would_collide(canvas):
     goal, pair = stage("so101").home + 0.1, ("gripper", "floor")
     items = canvas.items(goal=goal, refused_pair=pair)
     assert [item["link"] for item in of_style(items, "touching")] == ["gripper"]
@@ -309,7 +309,7 @@ def test_selected_hidden_link_is_outlined_over_other_links(canvas):
     assert items.index(over) > max(n for n, item in enumerate(items) if item.get("link"))
 
 
-def test_hovered_and_grabbed_links_are_marked(canvas):
+def test_hovered_and_grabbed_links_are_highlighted(canvas):
     items = canvas.items(hover="forearm", grabbed="wrist")
     assert [i["link"] for i in of_style(items, "hover")] == ["forearm"]
     assert [i["link"] for i in of_style(items, "grabbed")] == ["wrist"]
@@ -337,7 +337,7 @@ def test_tip_mark_is_drawn_at_tip_of_forward_kinematics(canvas):
 # --- ranges ---
 
 
-def test_joint_range_is_drawn_as_an_arc_with_a_needle(canvas):
+def test_joint_range_is_drawn_as_arc_with_position_needle(canvas):
     items = canvas.items(view="orbit")
     for joint in model_of("so101").chain.names:
         assert arc(items, joint)["style"] == "limit"
@@ -394,7 +394,7 @@ def test_joint_arc_ends_at_needle_angles_of_the_limits(canvas):
         np.testing.assert_allclose(needle["points"][1], at_home[end], atol=0.01)
 
 
-def test_joint_arc_seen_edge_on_is_turned_to_the_viewer(canvas):
+def test_joint_arc_seen_edge_on_is_turned_towards_viewer(canvas):
     points = np.array(arc(canvas.items(view="side"), "shoulder_pan")["points"])
     assert np.ptp(points, axis=0).min() > 20
 
@@ -503,7 +503,7 @@ def test_solver_iteration_draws_tip_trace_up_to_that_iteration(canvas):
     assert items[-1]["style"] == "target"
 
 
-def test_unreachable_target_turns_red_at_the_last_iteration(canvas):
+def test_unreachable_target_turns_red_at_last_solver_iteration(canvas):
     for step, style in ((0, "target"), (-1, "target_far")):
         _, _, items = steps_of(canvas, (0.5, 0.2, 0.0), "ccd", step)
         assert items[-1]["style"] == style
@@ -528,7 +528,7 @@ def test_table_grid_lines_are_10_cm_apart(canvas):
     np.testing.assert_allclose(steps, 0.1, atol=1e-6)
 
 
-def test_scale_bar_is_as_long_as_its_label(canvas):
+def test_drawn_scale_bar_has_length_of_its_label(canvas):
     (bar,), (words,) = of_style(canvas.items(), "scale")[:1], of_style(canvas.items(), "scale")[1:]
     length_m = (bar["points"][1][0] - bar["points"][0][0]) / looked_at("so101", "side").scale_px
     assert words["text"] == f"{length_m * 100:.0f} cm"
@@ -622,7 +622,7 @@ def test_canvas_draws_only_markers_in_3d_mode(canvas):
     assert picture["backdrop"] is None
 
 
-def test_canvas_recomputes_only_what_has_changed(canvas):
+def test_canvas_redraws_only_changed_items(canvas):
     graph, home = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "side"), home)
     top = scene_of(graph, replace(state, camera=looked_at("so101", "top")))

@@ -60,7 +60,7 @@ def test_three_link_figure_shows_reachable_tool_directions(page):
     assert 0 < int(share[1]) < 100
 
 
-def test_forward_kinematics_figure_moves_links_behind_a_joint(page):
+def test_forward_kinematics_figure_moves_links_beyond_joint(page):
     output = figure(page, "forwardKinematics").locator("output")
     pattern = r"φ\d = (.*): link \d ends at (.*) m"
     before = re.findall(pattern, output.inner_text())
@@ -105,7 +105,7 @@ def test_joint_limit_figure_stops_at_limit_and_moves_off_again(page):
 
 
 @pytest.mark.parametrize("name", ["pseudoInverse", "transpose", "ccd"])
-def test_iterative_solver_figure_ends_at_the_target(page, name):
+def test_iterative_solver_figure_reaches_target(page, name):
     assert "step 0," in drag_to(page, name, 0.55, 0.8)
     figure(page, name).get_by_text("To the end").click()
     assert re.search(r"error 0\.[01] mm", figure(page, name).locator("output").inner_text())

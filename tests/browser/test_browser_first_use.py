@@ -76,7 +76,7 @@ def on_a_phone(browser):
         context.close()
 
 
-def test_tab_key_follows_the_reading_order_of_each_screen(newcomer, screen):
+def test_tab_key_follows_reading_order_of_each_screen(newcomer, screen):
     expect_read_in_order(newcomer.page, screen)
 
 

@@ -123,7 +123,7 @@ def test_shift_drag_turns_one_joint_only(live):
 
 
 @pytest.mark.campaign
-def test_wheel_notch_turns_a_joint_by_one_degree(live):
+def test_mouse_wheel_notch_in_browser_turns_joint_by_1_degree(live):
     before = live.served.ticks()
     live.page.mouse.move(*live.over(live.hub_px("elbow_flex")))
     live.page.mouse.wheel(0, -500)
@@ -274,7 +274,7 @@ def test_two_finger_pinch_zooms_and_moves_nothing(visit):
 @pytest.mark.campaign
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
 @pytest.mark.parametrize("solver", ["ccd", "pseudo_inverse"])
-def test_chosen_solver_shows_its_iterations(operator, solver):
+def test_chosen_solver_iterations_are_shown_on_page(operator, solver):
     operator.open_solver().page.click(f"#solvers button[value={solver}]")
     operator.wait_for(f"status.solver.name === '{solver}'")
     operator.click(operator.tip_px() + 2 * ASIDE)

@@ -134,7 +134,7 @@ def phone(visit):
     return opened(operator.enable_live().until_still())
 
 
-def test_second_finger_on_a_phone_moves_the_tip_forward(phone):
+def test_second_finger_on_phone_moves_tip_forward(phone):
     before_m, (x, y) = phone.served.tip_m(), middle_px(phone).tolist()
     touch = phone.page.context.new_cdp_session(phone.page)
 
@@ -311,7 +311,7 @@ def test_other_hand_already_squeezing_must_squeeze_again(headset):
     press_again(headset, "device.controllers.left")
 
 
-def test_squeeze_after_lost_tracking_must_be_repeated(headset):
+def test_controller_squeeze_must_be_repeated_after_lost_tracking(headset):
     squeeze(headset, 1)
     headset.page.evaluate("isGuessed = true")
     headset.until(HELD % "false")

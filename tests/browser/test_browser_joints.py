@@ -28,7 +28,7 @@ def row(operator, joint):
     return operator.page.locator(f"[data-joint={joint}]")
 
 
-def test_number_step_and_slider_turn_the_named_joint(live):
+def test_number_field_step_button_and_slider_turn_their_joint(live):
     before = tick_of(live, "wrist_roll")
     field = row(live, "wrist_roll").locator("input[type=text]")
     field.fill("20")
@@ -91,7 +91,7 @@ def test_typed_tool_height_moves_tip_to_that_height(live):
     live.until_near(live.served.tip_m, goal_m, 3.0)
 
 
-def test_torque_switch_needs_two_presses_for_off_and_one_for_on(operator):
+def test_torque_switch_needs_two_presses_only_for_off(operator):
     switch = row(operator, "gripper").get_by_role("switch")
     own = servo_id("so101", "gripper")
 

@@ -71,7 +71,7 @@ def test_hints_do_not_cover_drawing_of_stopped_arm(reader):
         reader.page.locator(selector).wait_for(state="hidden")
 
 
-def test_go_there_button_is_at_target_or_in_bar_of_narrow_page(reader):
+def test_go_there_button_is_at_target_or_in_bar_on_narrow_page(reader):
     reader.drag(reader.tip_px(), (40.0, -60.0)).release()
     reader.wait_for("status.target && !status.refused")
     reader.until("!document.getElementById('execute').disabled")
@@ -135,7 +135,7 @@ def test_last_panel_on_phone_is_not_covered_by_fixed_bar(visit):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 900), (1100, 720)])
-def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
+def test_page_mode_text_tools_and_readout_do_not_overlap(visit, width, height):
     operator = visit()
     page = operator.page
     page.set_viewport_size({"width": width, "height": height})

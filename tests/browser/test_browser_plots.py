@@ -74,7 +74,7 @@ def test_plots_are_legible_labelled_and_finger_sized(visit, width, scheme):
 
 
 @pytest.mark.parametrize("view", [{"port": "sim"}], indirect=True, ids=["at rest"])
-def test_plots_on_a_phone_are_below_arm_with_curves_first(visit):
+def test_plots_on_phone_are_below_arm(visit):
     operator = visit()
     page = operator.page
     page.set_viewport_size({"width": 390, "height": 844})

@@ -94,7 +94,7 @@ def test_taught_program_is_reordered_saved_and_played_on_page(empty, home):
     assert roll_deg(empty) == pytest.approx(-15.0, abs=1.0)
 
 
-def test_stop_ends_program_and_nothing_moves_when_acknowledged(empty):
+def test_stopped_program_does_not_move_after_acknowledgement(empty):
     page = empty.page
     teach_roll(empty, 80)
     teach_roll(empty, -80)

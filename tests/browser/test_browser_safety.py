@@ -127,7 +127,7 @@ def test_second_page_watches_and_moves_nothing(live, visit):
 
 
 @pytest.mark.campaign
-def test_refused_action_is_reported_and_banner_disappears(operator, visit):
+def test_refused_action_is_shown_on_banner_that_disappears(operator, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
@@ -170,7 +170,7 @@ def test_page_of_another_origin_is_refused(operator, browser):
 
 
 @pytest.mark.campaign
-def test_wrong_page_key_is_reported(operator):
+def test_wrong_access_key_is_reported_on_page(operator):
     page = with_long_timeout(operator.page.context.new_page())
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
@@ -178,7 +178,7 @@ def test_wrong_page_key_is_reported(operator):
 
 
 @pytest.mark.campaign
-def test_page_key_is_never_sent_in_clear_text(browser, view):
+def test_access_key_of_page_is_never_sent_in_clear_text(browser, view):
     context = browser.new_context()
     page, seen = with_long_timeout(context.new_page()), []
 

@@ -21,7 +21,7 @@ def below_the_table(operator):
 REFUSED = "status.refused && scene.refusal"
 
 
-def test_preview_refuses_target_below_table_beside_pointer(operator):
+def test_preview_shows_refusal_below_table_beside_pointer(operator):
     at = below_the_table(operator)
     drawn = " && ".join(
         f"items.some(({{ style }}) => style === '{each}')"
@@ -61,7 +61,7 @@ def test_click_on_picture_older_than_1_s_is_ignored_with_notice(operator):
     assert page.locator("#log", has_text="nothing was done").count() == 1
 
 
-def test_refusal_of_typed_target_is_shown_as_long_as_in_drawing(operator):
+def test_refusal_of_typed_target_is_shown_as_long_as_on_drawing(operator):
     page = operator.page
     page.evaluate(SLOW_FRAMES, 400)  # what it says is here before its picture
     page.fill("#tool-z", "-60")
@@ -141,7 +141,7 @@ def test_page_reports_limp_servo_and_low_supply_voltage(operator):
 
 
 @pytest.mark.campaign
-def test_messages_of_arm_and_guard_are_listed_in_time_order(operator):
+def test_page_lists_messages_in_chronological_order(operator):
     operator.click(below_the_table(operator)).wait_for(REFUSED)
     operator.page.click("#stop")
     operator.wait_for("status.mode === 'stopped'")

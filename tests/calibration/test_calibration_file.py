@@ -149,7 +149,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where"), SLIPS.values(), ids=SLIPS)
-def test_error_names_key_of_calibration_mistake(calibration, path, old, new, where):
+def test_calibration_file_error_names_its_key(calibration, path, old, new, where):
     body = body_of(calibration)
     assert old in body
     error = refusal(path, with_checksum(body.replace(old, new, 1)))
@@ -247,11 +247,11 @@ def test_error_of_sweep_outside_arm_file_limits_names_both(calibration):
     ("58FA083", "so101-58FA083.toml"), ("", "so101.toml"), ("../../etc/x", "so101-etc_x.toml"),
     ("A" * 300, f"so101-{'A' * 64}.toml"), ("\0", "so101.toml"), ("C:\\x", "so101-C_x.toml"),
 ])  # fmt: skip
-def test_serial_number_keeps_calibration_path_in_its_folder(serial, name, tmp_path):
+def test_calibration_path_of_any_serial_number_stays_in_folder(serial, name, tmp_path):
     assert calibration_path("so101", serial) == tmp_path / "arms" / name
 
 
-def test_arm_name_keeps_calibration_path_in_its_folder(tmp_path):
+def test_calibration_path_of_any_arm_name_stays_in_folder(tmp_path):
     assert calibration_path("../../so101", "").parent == tmp_path / "arms"
 
 

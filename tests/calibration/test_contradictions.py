@@ -64,12 +64,12 @@ def test_issue_for_wrong_servo_family_lists_expected_models():
 
 
 @pytest.mark.parametrize("tick", [0, 4095])
-def test_register_values_at_ends_of_range_are_accepted(tick):
+def test_calibration_register_values_at_range_ends_are_accepted(tick):
     assert issues_of(joint(holds={"max_position_limit": tick})) == {}
 
 
 @pytest.mark.parametrize("tick", [-1, 4096])
-def test_register_value_out_of_range_is_reported_with_range(tick):
+def test_calibration_register_out_of_range_is_reported(tick):
     issues = issues_of(joint(holds={"max_position_limit": tick}))
     place = ("joints", 0, "servo", "holds", "max_position_limit")
     assert issues == {place: (f"is {tick}", "0 to 4095")}
@@ -124,7 +124,7 @@ def test_multi_turn_dynamixel_may_have_any_homing_offset():
 
 
 @pytest.mark.parametrize(("lower_deg", "upper_deg"), [(10.0, 10.0), (10.0, -10.0)])
-def test_joint_range_that_is_empty_is_reported(lower_deg, upper_deg):
+def test_empty_joint_range_in_calibration_is_reported(lower_deg, upper_deg):
     issues = issues_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
     place = ("joints", 0, "lower_deg")
     assert issues == {place: ("is not below the upper limit", "lower < upper")}
@@ -133,6 +133,6 @@ def test_joint_range_that_is_empty_is_reported(lower_deg, upper_deg):
 @pytest.mark.parametrize(
     "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
 )
-def test_joint_range_must_exist_if_and_only_if_swept(changes):
+def test_joint_range_is_required_only_for_swept_joint(changes):
     assert [*issues_of(joint(**changes))] == [("joints", 0, "swept")]
     assert issues_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}

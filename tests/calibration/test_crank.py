@@ -24,7 +24,7 @@ def test_crank_ticks_and_metres_are_exact_inverses(angle, sign, tick):
     assert joint_map.tick(joint_map.position(2048 + tick)) == 2048 + tick
 
 
-def test_upright_crank_moves_slide_by_its_radius_per_radian():
+def test_crank_at_right_angle_moves_slide_by_radius_per_radian():
     slope = (CRANK.position(1e-6) - CRANK.position(-1e-6)) / 2e-6
     assert slope == pytest.approx(0.022, rel=1e-6)
 
@@ -45,7 +45,7 @@ def test_positive_sign_means_cranked_slide_opens_with_ticks():
 @pytest.mark.parametrize(
     ("radius", "rod", "zero"), [(0.04, 0.03, 1), (0, 0.03, 1), (0.02, 0.03, 4)]
 )
-def test_crank_that_cannot_turn_is_refused(radius, rod, zero):
+def test_crank_with_impossible_geometry_is_refused(radius, rod, zero):
     with pytest.raises(BadValueError, match="crank"):
         Crank(radius, rod, zero)
 
@@ -58,7 +58,7 @@ def test_gear_divides_radians_per_tick_and_stays_exact(gear, tick):
     assert joint_map.gear == pytest.approx(gear)
 
 
-def test_potentiometer_tick_is_300_degrees_over_1024():
+def test_potentiometer_servo_tick_is_300_degrees_over_1024():
     joint_map = JointMap.revolute("elbow", 3, 1, 512, 1024 * 360 / 300)
     assert math.degrees(joint_map.unit_per_tick) == pytest.approx(300 / 1024)
 
@@ -92,7 +92,7 @@ def test_crank_max_slope_is_steepest_between_slide_ends():
     ("radius", "rod", "zero"), [(0.03, 0.03, 1), (0.02, 0.03, 0), (0.02, 0.03, math.pi),
                                 (0.02, 0.03, -0.5)]
 )  # fmt: skip
-def test_crank_in_line_at_zero_or_as_long_as_rod_is_refused(radius, rod, zero):
+def test_crank_in_line_with_rod_at_zero_or_as_long_is_refused(radius, rod, zero):
     with pytest.raises(BadValueError, match="crank"):
         Crank(radius, rod, zero)
 

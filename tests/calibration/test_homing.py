@@ -16,7 +16,7 @@ def homing_of(family, low, high, offset=0, encoder=MAGNET, **more):
 
 
 @pytest.mark.parametrize(("family", "bare"), [(STS, 100), (X, 4000), (Family.DYNAMIXEL_1, 4000)])
-def test_encoder_tick_adds_sts_but_subtracts_dynamixel_offset(family, bare):
+def test_encoder_tick_uses_offset_sign_of_servo_family(family, bare):
     assert encoder_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
 
 

@@ -24,17 +24,17 @@ def test_tick_to_radians_and_back_gives_same_tick(joint_map, tick):
     assert joint_map.tick(joint_map.position(tick)) == tick
 
 
-def test_a_quarter_turn_of_a_12_bit_servo_is_1024_ticks():
+def test_quarter_turn_of_12_bit_servo_is_1024_ticks():
     joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
     assert joint_map.position(3072) == pytest.approx(math.pi / 2)
     assert joint_map.tick(-math.pi / 2) == 1024
 
 
-def test_mirrored_servo_counts_down_as_joint_turns_up():
+def test_mirrored_servo_ticks_decrease_as_joint_angle_increases():
     assert JointMap.revolute("elbow", 3, -1, 2048, 4096).tick(math.pi / 2) == 1024
 
 
-def test_rack_moves_by_its_pitch_circle_per_turn():
+def test_rack_moves_by_pitch_circumference_per_turn():
     rack = JointMap.prismatic("gripper", 15, 1, 2048, 4096, m_per_turn=0.08)
     assert rack.position(2048 + 1024) == pytest.approx(0.02)
 
@@ -86,7 +86,7 @@ def test_joint_position_text_is_in_degrees_or_millimetres():
     assert JointMap.prismatic("lift", 1, 1, 0.0, 4096, 0.04).format(0.01234) == "12.3 mm"
 
 
-def test_rack_travel_is_given_per_radian_of_the_horn():
+def test_rack_travel_is_given_per_radian_of_servo_horn():
     rack = JointMap.prismatic("gripper", 5, 1, 2048.0, 4096, m_per_turn=0.05)
     assert rack.horn_rad_per_tick == pytest.approx(math.tau / 4096)
     assert rack.unit_per_horn_rad == pytest.approx(0.05 / math.tau)

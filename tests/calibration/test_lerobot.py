@@ -100,7 +100,7 @@ def test_lerobot_file_not_named_by_an_id_is_not_suggested(tmp_path):
     assert "copy" not in str(caught.value) + caught.value.hint
 
 
-def test_unknown_lerobot_id_suggests_the_closest(tmp_path):
+def test_unknown_lerobot_id_error_suggests_closest_id(tmp_path):
     put(tmp_path / ".cache/huggingface/lerobot/calibration", "so_follower")
     with pytest.raises(UnknownNameError, match="Did you mean black"):
         find_lerobot("blackk")
@@ -167,7 +167,7 @@ def test_mutated_lerobot_calibration_is_read_or_refused(tmp_path, count):
         assert all(joint.range_min < joint.range_max for joint in joints)
 
 
-def test_lerobot_error_cuts_long_names_and_escapes_control_bytes():
+def test_lerobot_error_truncates_names_and_escapes_control_bytes():
     for name, shown in (
         ("e" * 80, "e" * 64),
         ("\x07" + "e" * 80, ascii("\x07" + "e" * 63)),
@@ -185,7 +185,7 @@ def test_lerobot_homing_offset_of_minus_2_power_20_is_accepted():
 
 
 @pytest.mark.parametrize(("digits", "found"), [(100, "not a whole number"), (101, "too long")])
-def test_lerobot_number_above_100_digits_is_too_long(digits, found):
+def test_lerobot_file_number_above_100_digits_is_refused(digits, found):
     with pytest.raises(FileFormatError, match=found):
         parse_lerobot(Path("x.json"), TEXT.replace("-1043", "9" * digits))
 

@@ -32,7 +32,7 @@ def test_dynamixel_in_position_mode_ignores_offset_above_1024(mode, offset, in_f
     assert found.offset == in_force
 
 
-def test_sts_obeys_its_offset_and_scs_has_none():
+def test_sts_servo_applies_homing_offset_and_scs_has_none():
     assert facts(operating_mode=3, homing_offset=2000).offset == 2000
     assert facts("SCS15").offset == 0
 
@@ -85,23 +85,23 @@ def test_count_direction_missing_in_file_is_not_compared():
      ("drive_mode", 4, 8, False), ("drive_mode", 4, 5, True), ("homing_offset", 0, 1, True),
      ("homing_offset", 0, 2, True), ("homing_offset", -3, -3, False)],
 )  # fmt: skip
-def test_register_difference_ignores_bits_unrelated_to_counting(register, one, other, differs):
+def test_drive_mode_difference_ignores_unrelated_bits(register, one, other, differs):
     assert registers_differ(register, one, other) is differs
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350", "SCS15"])
-def test_calibration_registers_equal_those_stored_in_the_file(model):
+def test_calibration_registers_equal_those_written_to_file(model):
     names = {register.name for register in calibration_registers(MODELS[model])}
     assert names == facts(model).registers.keys()
 
 
-def test_expected_registers_match_table_of_each_servo_series():
+def test_calibration_registers_match_expected_table_per_series():
     assert wanted_of(facts()) == STS
     assert wanted_of(facts("XM430-W350")) == X
     assert wanted_of(facts("SCS15")) == SCS
 
 
-def test_sts_is_put_in_position_mode_and_single_turn():
+def test_sts_servo_is_set_to_single_turn_position_mode():
     wanted = wanted_of(facts(operating_mode=3, phase=0b0001_1101))
     assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1101)
 

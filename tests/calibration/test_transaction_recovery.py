@@ -141,14 +141,14 @@ def test_calibration_commit_ended_by_signal_restores_servos(
 DAMAGED = "[old]\n\u00e4".encode()[:-1]  # cut in the middle of a letter
 
 
-def test_commit_replaces_calibration_that_is_not_utf8(interrupted, commit_new):
+def test_calibration_commit_replaces_file_that_is_not_utf8(interrupted, commit_new):
     interrupted.path.write_bytes(DAMAGED)
     commit_new()
     assert (interrupted.held(), interrupted.path.read_text()) == ([NEW, NEW], NEW_TEXT)
     assert interrupted.is_over()
 
 
-def test_failed_commit_keeps_calibration_that_is_not_utf8(interrupted, commit_new):
+def test_failed_calibration_commit_keeps_file_that_is_not_utf8(interrupted, commit_new):
     interrupted.path.write_bytes(DAMAGED)
     interrupted.path.with_name("arm.toml.damaged").mkdir()  # where the old file would be kept
     with pytest.raises(FileWriteError):
@@ -233,7 +233,7 @@ def test_partly_written_calibration_is_resumed_or_rolled_back(interrupted, actio
 # --- the file
 
 
-def test_commit_of_empty_text_does_not_leave_calibration_file(interrupted):
+def test_commit_of_empty_text_leaves_no_calibration_file(interrupted):
     changes = interrupted.journal().changes
     interrupted.act(lambda bus, journal: commit(bus, journal, interrupted.path, "", changes))
     assert interrupted.held() == [NEW, NEW]

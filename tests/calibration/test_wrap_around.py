@@ -41,7 +41,7 @@ def test_unwrap_finds_true_tick_for_any_offset_and_direction():
 
 
 @given(st.integers(-99999, 99999), st.integers(-99999, 99999))
-def test_wrapped_difference_is_at_most_half_a_turn(start, end):
+def test_wrapped_tick_difference_is_at_most_half_a_turn(start, end):
     way = wrapped_difference(start, end, TURN)
     assert (start + way - end) % TURN == 0
     assert -TURN // 2 <= way < TURN // 2
@@ -101,7 +101,7 @@ def test_homing_finds_offset_for_travel_of_4094_ticks(low, offset):
 
 
 @pytest.mark.parametrize("family", [STS, X])
-def test_homing_refuses_travel_of_a_whole_turn(family):
+def test_homing_offset_search_refuses_travel_of_a_whole_turn(family):
     with pytest.raises(CalibrationError, match=r"travel of 4095 ticks.*\n.*--continuous elbow"):
         choose_homing("elbow", family, TickRange(0, 4095), 0, MAGNET)
 
@@ -134,5 +134,5 @@ def test_encoder_of_each_model_matches_its_data_sheet(model, ticks, per_turn):
     assert encoder.wraps == (ticks == 4096)
 
 
-def test_wrapped_difference_is_symmetric_for_odd_tick_count():
+def test_wrapped_tick_difference_is_symmetric_for_odd_counts():
     assert [wrapped_difference(0, end, 5) for end in range(5)] == [0, 1, 2, -2, -1]

@@ -52,7 +52,7 @@ def test_real_gripper_does_not_close_without_confirmation(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_yes_option_lets_a_real_arm_move(run_cli, arm):
+def test_yes_option_moves_real_arm_without_question(run_cli, arm):
     result = run_cli(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
     assert result.code == 0, result.err
 

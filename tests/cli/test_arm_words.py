@@ -57,7 +57,7 @@ def test_file_or_pose_may_have_same_name_as_arm(words):
     assert parsed(name, word) is None
 
 
-def test_arm_given_twice_is_refused(run_cli):
+def test_arm_given_as_option_and_name_is_refused(run_cli):
     done = run_cli("calibrate koch --arm so101 --port sim")
     assert (done.code, "given twice" in done.err) == (2, True), done.err
 

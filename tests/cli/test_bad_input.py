@@ -121,7 +121,7 @@ def test_command_accepts_path_to_arm_file(run_cli, own_arm):
         ("arm.urdf", "</robot>", "", "line"),
     ],
 )
-def test_error_names_malformed_arm_file_and_place(run_cli, own_arm, file, old, new, place):
+def test_malformed_arm_file_error_names_file_and_position(run_cli, own_arm, file, old, new, place):
     spoil(own_arm / file, old, new)
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.code == 2
@@ -157,7 +157,7 @@ def test_solve_command_accepts_tiny_numbers(run_cli, number):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk at hand")
-def test_output_that_cannot_be_written_is_one_error_line():
+def test_unwritable_output_gives_one_error_line():
     command = [sys.executable, "-c", "import sys; from ikservo.cli import main; sys.exit(main())"]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([*command, "arms"], stdout=full, stderr=subprocess.PIPE, text=True,
@@ -183,7 +183,7 @@ def run_for_a_reader_that_has_exited(words, unbuffered):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("as_json", ["", "--json"])
-def test_closed_output_pipe_ends_a_command_silently(unbuffered, as_json):
+def test_closed_output_pipe_ends_command_silently(unbuffered, as_json):
     assert run_for_a_reader_that_has_exited(f"where {SIM} {as_json}", unbuffered) == (1, "")
 
 

@@ -35,7 +35,7 @@ def path(arm):
 @pytest.mark.parametrize(
     "words", [f"where {AT}", f"pose home {AT}", f"calibration diff {NAME} --port {PORT}"]
 )
-def test_damaged_calibration_error_names_three_remedies(words, path, run_cli):
+def test_damaged_calibration_error_lists_three_remedies(words, path, run_cli):
     done = run_cli(words)
     assert done.code != 0
     for way in ("calibration restore planar2", "ikservo calibrate planar2", "ikservo relax"):

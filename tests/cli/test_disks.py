@@ -241,7 +241,7 @@ def break_disk(monkeypatch, folder, number):
 
 
 @pytest.mark.full
-def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
+def test_recording_ended_by_full_disk_can_be_read(place, tmp_path):
     done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
     assert "The samples recorded so far are in" in done.stderr
     assert len(read_recording(place / "a.jsonl").times_s) > 10
@@ -249,7 +249,7 @@ def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("words", "file"), WRITTEN["record", "file"])
-def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tmp_path):
+def test_recording_without_samples_leaves_no_file(words, file, place, tmp_path):
     before = content(place)
     done = run_limited(words.format(place), 0, tmp_path)
     assert done.returncode == 1
@@ -260,14 +260,14 @@ def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tm
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
-def test_overwrite_replaces_old_file_when_recording_ends(suffix, place, run_cli):
+def test_overwrite_option_replaces_file_when_recording_ends(suffix, place, run_cli):
     path, before = place / f"old{suffix}", set(content(place))
     assert run_cli(f"{RECORDING.format(path)} --overwrite").code == 0
     assert len(read_recording(path).times_s) > 10
     assert set(content(place)) == before
 
 
-def test_pose_that_cannot_be_saved_is_reported(run_cli, place, monkeypatch):
+def test_pose_that_cannot_be_saved_gives_clear_error(run_cli, place, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(place))
     break_disk(monkeypatch, place, errno.ENOSPC)
     done = run_cli(f"teach cup --now {SIM}")

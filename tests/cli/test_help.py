@@ -85,7 +85,7 @@ def test_version_option_prints_the_version(run_cli):
     assert (result.code, result.out) == (0, f"{ikservo.__version__}\n")
 
 
-def test_python_m_ikservo_runs_the_command():
+def test_python_m_ikservo_runs_command_line():
     done = subprocess.run([sys.executable, "-m", "ikservo", "--version"],
                           capture_output=True, text=True, check=True)  # fmt: skip
     assert done.stdout == f"{ikservo.__version__}\n"
@@ -97,7 +97,7 @@ def test_package_contains_py_typed():
     assert (Path(ikservo.__file__).parent / "py.typed").exists()
 
 
-def test_help_groups_the_commands(run_cli):
+def test_help_lists_commands_in_groups(run_cli):
     out = run_cli("--help").out
     places = [out.index(f" {panel} ") for panel in PANELS]
     assert places == sorted(places)
@@ -126,7 +126,7 @@ def test_help_groups_the_commands(run_cli):
         ("rec", "record recover"),
     ],
 )
-def test_tab_key_completes_arms_poses_joints_and_options(run_cli, monkeypatch, typed, offered):
+def test_shell_completion_completes_arms_poses_and_options(run_cli, monkeypatch, typed, offered):
     monkeypatch.setenv("_IKSERVO_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", f"ikservo {typed}")
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))

@@ -75,7 +75,7 @@ def test_stopped_error_without_ctrl_c_exits_with_130(monkeypatch, errors):
     assert (ended.code, ended.interrupted) == (130, False)
 
 
-def test_failure_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
+def test_failure_after_ctrl_c_keeps_its_exit_code(monkeypatch):
     ended = ended_after(monkeypatch, KeyboardInterrupt(), FileWriteError("wave.jsonl", "full"))
     assert (ended.code, ended.interrupted) == (1, False)
 

@@ -80,7 +80,7 @@ def test_lerobot_export_reports_values_it_cannot_contain(arm, run_cli, tmp_path)
 
 
 @pytest.mark.full
-def test_lerobot_export_writes_a_file_with_the_to_option(arm, run_cli, tmp_path):
+def test_lerobot_export_with_to_option_writes_file(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     imported(arm, run_cli, path)

@@ -40,7 +40,7 @@ def test_move_reports_path_error_only_for_a_line(run_cli):
     assert "path error" not in run_cli(move).out
 
 
-def test_move_prints_report_to_stdout_and_announces_on_stderr(run_cli):
+def test_move_prints_report_to_stdout_and_notice_to_stderr(run_cli):
     result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert result.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
     assert result.out.splitlines()[-1] == "reached    yes"
@@ -111,7 +111,7 @@ def test_arms_command_lists_all_shipped_arms(run_cli):
     ]  # fmt: skip
 
 
-def test_arms_command_reports_an_unusual_base_frame(run_cli):
+def test_arms_command_reports_unusual_base_frame(run_cli):
     frames = run_cli("arms").out.partition("base frame")[2].splitlines()
     (so101,) = [line for line in frames if line.startswith("so101")]
     assert "the maker's: origin 38.84 mm behind the first axis" in so101

@@ -53,7 +53,7 @@ def test_move_announces_that_first_motion_is_slow(run_cli):
     assert "slow." in result.err.splitlines()[0]
 
 
-def test_move_pitch_may_be_negative(run_cli):
+def test_move_pitch_option_accepts_negative_angle(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --pitch -60 {SO101} --dry-run --json")
     assert result.code == 0
     assert abs(result.json["orientation_error_rad"]) < math.radians(0.5)
@@ -106,7 +106,7 @@ def test_joints_dry_run_outside_limits_exits_8(run_cli):
     assert run_cli(f"joints elbow_flex=170 {SO101} --dry-run").code == 8
 
 
-def test_progress_bar_is_drawn_for_motion_without_end(monkeypatch, capsys):
+def test_progress_bar_is_drawn_for_motion_of_unknown_duration(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")  # on a dumb terminal there is no bar
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)

@@ -65,7 +65,7 @@ def test_other_terminal_sees_and_stops_motion(run_cli, port):
 
 
 @pytest.mark.full
-def test_stop_command_answers_after_program_was_killed(run_cli, port):
+def test_stop_command_works_after_program_was_killed(run_cli, port):
     with swaying(port) as process:
         process.send_signal(signal.SIGKILL)
         process.wait(timeout=30)

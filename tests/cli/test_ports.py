@@ -94,7 +94,7 @@ def no_waiting(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_ports_watch_names_the_unplugged_adapter(run_cli, monkeypatch):
+def test_ports_watch_option_names_unplugged_adapter(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
     result = run_cli("ports --watch --events 1")
     assert result.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
@@ -156,7 +156,7 @@ def test_only_connected_port_is_chosen_if_none_is_remembered(monkeypatch):
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_port_is_not_guessed_between_two_unknown_adapters(monkeypatch):
+def test_port_is_not_chosen_between_two_unknown_adapters(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     with pytest.raises(
         NoPortError, match=r"several adapters.*\n.*ttyACM0, /dev/ttyUSB0.*port=\"sim\""
@@ -174,7 +174,7 @@ def test_port_without_serial_number_is_not_remembered(monkeypatch):
     "text",
     ["", "format = 2\n[serial_numbers]\nso101 = 'FT4THVXD'\n", "a = [", "\0", "a = " + "[" * 9000],
 )
-def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
+def test_damaged_file_of_remembered_ports_is_replaced(monkeypatch, text):
     set_ports(monkeypatch, [FEETECH, U2D2])
     config_dir().mkdir(parents=True)
     (config_dir() / "ports.toml").write_text(text)
@@ -184,7 +184,7 @@ def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_port_memory_that_is_a_pipe_is_ignored_without_waiting(monkeypatch):
+def test_remembered_ports_file_that_is_a_pipe_is_ignored(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     config_dir().mkdir(parents=True)
     os.mkfifo(config_dir() / "ports.toml")

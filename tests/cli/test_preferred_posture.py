@@ -48,7 +48,7 @@ def test_move_uses_preferred_joint_position(run_cli):
     assert result.json["q_rad"]["wrist_roll"] == pytest.approx(math.radians(40.0), abs=2e-3)
 
 
-def test_preferred_posture_without_freedom_changes_nothing(run_cli):
+def test_preferred_posture_has_no_effect_without_redundancy(run_cli):
     result = run_cli("solve 0.15 0.05 0.05 --arm planar2 --prefer joint1=90")
     assert result.code == 0
     assert "no choice of posture" in result.err
@@ -81,7 +81,7 @@ def test_bad_preferred_posture_gives_usage_error(run_cli, options, why):
 
 
 @pytest.mark.parametrize("options", ["--line", "--pitch -30", "--keep"])
-def test_move_with_orientation_refuses_preferred_posture(run_cli, options):
+def test_move_refuses_preferred_posture_with_orientation(run_cli, options):
     result = run_cli(f"move {POINT} --port sim --yes --prefer home {options}")
     assert result.code == 2
     assert "posture" in result.err

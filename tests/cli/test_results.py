@@ -27,7 +27,7 @@ FIELDS = (
 )
 
 
-def test_result_json_has_keys_in_the_order_of_the_table(capsys):
+def test_result_json_keys_are_in_order_of_field_table(capsys):
     print_fields("cup", Cup(0.1, True, ("old",)), FIELDS, json=True)
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == ["schema", "size_m", "full", "name", "notes"]
@@ -50,7 +50,7 @@ def test_result_text_has_one_line_per_field_and_item(capsys, full, text):
     assert lines == rows
 
 
-def test_result_text_has_only_given_fields_in_given_order(capsys):
+def test_result_text_contains_only_selected_fields_in_order(capsys):
     print_fields("cup", Cup(0.1, True), FIELDS, json=False, order="full size_m")
     assert capsys.readouterr().out == "full      yes\nsize      100 mm\n"
 

@@ -53,7 +53,7 @@ def test_look_and_camera_check_choose_camera_by_name(arm, run_cli):
     assert run_cli(f"look 480 500 --arm {ARM}").code == 0
 
 
-def test_look_chooses_camera_by_source(arm, run_cli):
+def test_look_command_selects_camera_by_source(arm, run_cli):
     arm.close()
     named = run_cli(f"look 480 500 --arm {ARM} --camera-name left --json").json["point_m"]
     assert run_cli(f"look 480 500 --arm {ARM} --camera 1 --json").json["point_m"] == named

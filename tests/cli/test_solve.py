@@ -52,7 +52,7 @@ def test_solve_of_plain_urdf_with_tip_option_works(run_cli):
     assert result.json["reached"] is True
 
 
-def test_solve_without_an_arm_lists_the_arms(run_cli):
+def test_solve_command_without_arm_lists_arms(run_cli):
     result = run_cli("solve 0.2 0 0.1")
     assert result.code == 2
     assert "No arm given." in result.err

@@ -70,7 +70,7 @@ def test_solve_compare_out_of_reach_exits_7_with_each_error(run_cli):
 
 
 @pytest.mark.full
-def test_solve_compare_names_binding_limits_and_their_source(run_cli):
+def test_solve_compare_names_limits_in_effect_and_their_source(run_cli):
     question = "solve --arm so101 --json"
     compared, alone = (
         run_cli(f"{question} {how} -- 0.02 0 -0.2").json
@@ -99,7 +99,7 @@ def test_solve_reaches_requested_direction(run_cli):
     assert sum(answer["q_rad"]) == pytest.approx(math.pi / 2, abs=1e-4)
 
 
-def test_solve_direction_may_begin_with_a_minus(run_cli):
+def test_solve_direction_may_start_with_negative_number(run_cli):
     words = f"{FLAT} --direction -0.5,1,0 --tool-axis x --json"
     assert sum(run_cli(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
 
@@ -111,7 +111,7 @@ def test_solve_reports_impossible_direction_in_degrees(run_cli):
     assert "0.0 mm and 90.0° away" in result.out
 
 
-def test_solve_all_lists_solutions_that_reach_and_differ(run_cli):
+def test_solve_all_lists_distinct_solutions_that_reach_target(run_cli):
     found = run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --all --json").json
     assert found["schema"] == "ikservo/solutions/1"
     joints = [solution["q_rad"] for solution in found["solutions"]]
@@ -204,7 +204,7 @@ def test_solve_compare_with_trace_has_every_method(run_cli):
     assert {line["method"] for line in lines} == {"bounded", "closed_form", *LECTURE}
 
 
-def test_solve_trace_that_does_not_arrive_exits_7(run_cli):
+def test_solve_trace_that_does_not_converge_exits_7(run_cli):
     assert run_cli("solve 0.9 0 0.05 --arm planar3 --method ccd --trace").code == 7
 
 
@@ -274,7 +274,7 @@ def test_solve_plot_out_of_reach_shows_the_distance(run_cli, tmp_path):
     assert any(re.fullmatch(r"ccd, 5\d\d\.\d mm short", word) for word in words_of(file))
 
 
-def test_solve_all_plot_has_no_iteration_curves(run_cli, tmp_path):
+def test_plot_of_solve_all_has_no_iteration_curves(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --all --plot {file}")
     words = words_of(file)
@@ -296,7 +296,7 @@ def test_solve_plot_writes_a_png(run_cli, tmp_path):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_solve_plot_line_leads_from_base_to_tip(name):
+def test_solve_plot_draws_links_from_base_to_tip(name):
     model = load_model(name)
     home = model.chain_pose("home")
     line, joints = arm_polyline(model, home)

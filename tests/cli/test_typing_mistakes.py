@@ -14,14 +14,14 @@ def test_move_far_beyond_reach_asks_about_millimetres(run_cli):
 
 
 @pytest.mark.parametrize("words", ["solve 250 50 150", "workspace --point 250 50 150"])
-def test_solve_and_workspace_ask_about_millimetres(run_cli, words):
+def test_solve_and_workspace_suggest_mm_for_large_numbers(run_cli, words):
     result = run_cli(f"{words} --arm so101")
     assert result.code == 7
     assert "Did you mean millimetres?" in result.err
     assert "250mm 50mm 150mm" in result.err
 
 
-def test_millimetres_are_not_suggested_if_still_unreachable(run_cli):
+def test_millimetre_hint_is_omitted_if_point_stays_unreachable(run_cli):
     assert "millimetres" not in run_cli(f"move 0.9 0 0.1 {SIM}").err
     assert "millimetres" not in run_cli(f"move 9000 0 0 {SIM}").err
 

@@ -179,7 +179,7 @@ def test_joint_wiggle_finds_mirrored_joint_sign(monkeypatch, run_cli, watcher):
 
 
 @pytest.mark.full
-def test_pose_lifts_the_tool_first_if_the_arm_rests_on_table(monkeypatch):
+def test_pose_command_lifts_tool_first_if_arm_rests_on_table(monkeypatch):
     bench = place_arm(monkeypatch, "so101", "rest, sunk", "real, calibrated")
     done = run_arguments(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
     assert done.code == 0, done.err

@@ -9,7 +9,7 @@ import pytest
 P2 = "workspace --arm planar2 --slice top --cell 20mm"
 
 
-def test_workspace_slice_is_reported_in_cells_and_m2(run_cli):
+def test_workspace_slice_reports_cells_and_area_in_m2(run_cli):
     lines = run_cli(P2).out.splitlines()
     assert lines[0] == "Two servos in a plane, top: the plane at a height of 0.050 m"
     assert "cells of 20 mm" in lines[1]
@@ -90,7 +90,7 @@ def test_workspace_plot_is_an_svg_with_arm_title(run_cli, tmp_path, words):
     assert "Two servos in a plane" in file.read_text()
 
 
-def test_workspace_plot_may_be_a_png(run_cli, tmp_path):
+def test_workspace_plot_can_be_written_as_png(run_cli, tmp_path):
     pytest.importorskip("matplotlib")
     file = tmp_path / "reach.png"
     assert run_cli(f"{P2} --plot {file} --point 0.5 0 0.05").code == 7
@@ -137,7 +137,7 @@ def test_workspace_plot_refuses_missing_folder_at_once(run_cli, tmp_path):
     assert result.out == ""
 
 
-def test_workspace_without_an_arm_lists_the_arms(run_cli):
+def test_workspace_command_without_arm_lists_arms(run_cli):
     result = run_cli("workspace --slice top")
     assert result.code == 2
     assert "so101" in result.err

@@ -160,7 +160,7 @@ def inertia_tool():
     return module
 
 
-def test_sixteen_arms_are_shipped():
+def test_sixteen_arm_models_are_shipped():
     assert set(ARMS) == set(CHAINS) | set(TIPS_M)
 
 
@@ -227,7 +227,7 @@ def test_urdf_mass_of_the_arm_is_plausible(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_urdf_inertias_match_the_inertia_tool(arm):
+def test_urdf_inertias_equal_output_of_inertia_tool(arm):
     text = (CONFIGS / arm / "arm.urdf").read_text()
     assert inertia_tool().rewritten(text) == text
 

@@ -52,7 +52,7 @@ def test_compensated_goals_do_not_jump_at_start_of_motion(compensator, start):
     assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks
 
 
-def test_resting_joint_keeps_goal_offset_within_friction(compensator, start):
+def test_compensation_keeps_goal_offset_within_friction_at_rest(compensator, start):
     compensator.begin(start, start + 0.004)
     goals = goals_of(compensator, start, 0.0, 1.0)
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)

@@ -63,7 +63,7 @@ def test_preload_does_not_wait_for_joint_pressed_by_its_goal(arm):
     assert len(preload(compensator, start, -ways(PAN), goals=goals)) > 1
 
 
-def test_preload_ends_when_the_joint_is_pushed(arm):
+def test_preload_ends_when_joint_starts_to_move(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
 
     def measured_at(cycle):

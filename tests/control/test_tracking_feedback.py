@@ -111,7 +111,7 @@ def moved(feedback, errors, direction):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_feedback_learns_friction_from_lag_along_the_motion(feedback, direction):
+def test_feedback_learns_friction_from_lag_during_motion(feedback, direction):
     assert moved(feedback, [0.002 * direction] * 100, direction) == pytest.approx(0.002)
     assert moved(feedback, [0.002 * direction] * 100, 0.0) == pytest.approx(0.002)
     feedback.begin()

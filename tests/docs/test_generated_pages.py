@@ -92,7 +92,7 @@ TROUBLE = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize("exit_code", ExitCode, ids=str)
-def test_troubleshooting_lists_every_error_by_its_exit_code(exit_code):
+def test_troubleshooting_page_lists_every_error_by_exit_code(exit_code):
     text = section(TROUBLE, f"Exit code {exit_code.value}: {exit_code.meaning}", 3)
     kinds = [each for each in vars(errors).values() if is_error(each)]
     names = {each.__name__ for each in kinds if each.exit_code is exit_code}

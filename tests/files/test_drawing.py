@@ -65,7 +65,7 @@ def test_csv_drawing_empty_line_begins_a_new_stroke(tmp_path):
         ("\n".join(f"{i},0" for i in range(20_001)), None, "more than 20000 points"),
     ],
 )
-def test_csv_drawing_with_bad_content_is_refused_with_its_line(tmp_path, text, unit, message):
+def test_invalid_csv_drawing_is_refused_with_line_number(tmp_path, text, unit, message):
     with pytest.raises(InputError, match=message):
         read_drawing(csv(tmp_path, text), unit)
 

@@ -18,13 +18,13 @@ GOOD = {"name": "a", "size": 1.5}
 @pytest.mark.parametrize(
     "change", [{"more": 1}, {"size": "1.5"}, {"size": float("nan")}, {"size": float("inf")}]
 )
-def test_strict_table_refuses_unknown_keys_types_and_nan(change):
+def test_strict_schema_refuses_unknown_keys_types_and_nan(change):
     assert Row.model_validate(GOOD).size == 1.5
     with pytest.raises(ValidationError):
         Row.model_validate(GOOD | change)
 
 
-def test_strict_table_is_immutable():
+def test_strict_schema_object_is_immutable():
     with pytest.raises(ValidationError):
         Row.model_validate(GOOD).size = 2.0
 

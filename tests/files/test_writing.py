@@ -131,18 +131,18 @@ def test_removing_a_missing_file_is_not_an_error(tmp_path):
     remove_durably(tmp_path / "nothing")
 
 
-def test_remove_durably_deletes_file(path):
+def test_durable_file_removal_deletes_file(path):
     remove_durably(path)
     assert not path.exists()
 
 
-def test_check_writable_refuses_folder_below_a_file(tmp_path):
+def test_writability_check_refuses_folder_below_a_file(tmp_path):
     (tmp_path / "no_folder").write_text("")
     with pytest.raises(FileWriteError):
         check_writable(tmp_path / "no_folder" / "arms")
 
 
-def test_check_writable_does_not_leave_a_file(tmp_path):
+def test_writability_check_leaves_no_file(tmp_path):
     check_writable(tmp_path / "arms")
     assert not list((tmp_path / "arms").iterdir())
 

@@ -27,14 +27,14 @@ def straight(start, goal):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_checker_accepts_paths_between_named_poses(name):
+def test_collision_checker_accepts_paths_between_named_poses(name):
     model, space = model_of(name), CollisionChecker(body(name))
     poses = [model.chain_pose(pose) for pose in ("rest", "home", "zero", "rest")]
     for start, goal in itertools.pairwise(poses):
         space.check_path(straight(start, goal))
 
 
-def test_checker_dof_equals_number_of_body_joints():
+def test_collision_checker_dof_equals_number_of_arm_joints():
     assert CollisionChecker(BODY).dof == len(HOME)
 
 
@@ -49,7 +49,7 @@ def test_collision_checker_accepts_low_goal_with_lower_floor():
     CollisionChecker(BODY, floor_m=-1.0).check_path(straight(HOME, below))
 
 
-def test_checker_finds_obstacle_between_two_free_ends():
+def test_collision_checker_finds_obstacle_between_free_ends():
     middle_m = SO101.chain.forward(HOME)[:3, 3]
     left, right = HOME.copy(), HOME.copy()
     left[0], right[0] = -1.2, 1.2
@@ -168,7 +168,7 @@ def test_contact_deeper_than_1_nm_is_refused():
         space.check_path([np.array([0.5, 1.0]), q])
 
 
-def test_boxes_in_contact_are_distinguished_by_name():
+def test_contact_with_several_boxes_names_the_right_box():
     cups = [
         KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
         KeepOutBox("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
@@ -179,7 +179,7 @@ def test_boxes_in_contact_are_distinguished_by_name():
         assert deepest_contact(space, 0.6, reach_m) == f"reach-the {name}, 50.0 mm"
 
 
-def test_path_of_two_samples_is_refused_for_contact_at_goal():
+def test_path_of_two_samples_with_contact_at_goal_is_refused():
     with pytest.raises(RefusedError, match=r"the table: 10\.0 mm inside it at the goal"):
         space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
 
@@ -195,7 +195,7 @@ def test_path_of_two_samples_is_refused_for_contact_at_goal():
         ((0.02, 0.06), True),
     ],
 )
-def test_arm_on_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
+def test_arm_in_floor_contact_may_stay_or_rise_but_not_sink(heights_m, refused):
     way = [np.array([height_m, 1.0]) for height_m in (0.05, *heights_m)]
     if refused:
         with pytest.raises(RefusedError, match="the table"):
@@ -234,7 +234,7 @@ def test_path_in_contact_may_not_sink_below_rest_position():
         space_of_balls().check_path(way, rest=np.array([0.05, 1.0]))
 
 
-def test_fifty_accepted_paths_in_contact_sink_less_than_50_um():
+def test_fifty_paths_in_contact_sink_less_than_50_um_in_total():
     height_m, dice, space = 0.05, np.random.default_rng(5), space_of_balls()
     for _ in range(50):
         for end_m in height_m + dice.uniform(-6e-4, 1e-4, 20):
@@ -290,7 +290,7 @@ def test_penetration_of_1_nanometre_is_not_a_collision():
     assert deepest_contact(points, -1e-9, 1.0) == ""
 
 
-def test_path_of_one_posture_in_contact_is_accepted():
+def test_path_that_stays_in_one_contact_posture_is_accepted():
     space_of_balls().check_path([np.array([0.05, 1.0])])
 
 

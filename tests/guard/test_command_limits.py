@@ -13,13 +13,13 @@ from tests.guard.gates import TICK, make_limits
 RACK = JointMap.prismatic("jaw", 6, -1, 2048, 4096, 0.05)
 
 
-def test_tick_range_is_whole_ticks_inside_limits():
+def test_allowed_tick_range_is_whole_ticks_inside_limits():
     joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
     limits = Limits.of("elbow", -1.5 * TICK, 2.5 * TICK, "user")
     assert DrivenJoint(joint_map, limits, 1.0).tick_range == (2047, 2050)
 
 
-def test_position_range_ends_at_outermost_ticks():
+def test_allowed_position_range_ends_at_outermost_ticks():
     limits = Limits.of("jaw", 0.0, 0.0101, "user", "m")
     assert DrivenJoint(RACK, limits, 1.0).position_range == pytest.approx((0.0, 827 * 0.05 / 4096))
 
@@ -50,17 +50,17 @@ def test_tick_rate_limit_includes_gear_ratio_of_joint():
 @pytest.mark.parametrize(
     ("speed_deg_s", "lead"), [(25, 106), (52.7, 137), (52.8, 138), (60, 138), (120, 138)]
 )
-def test_max_lead_is_78_ticks_at_rest_plus_up_to_60(speed_deg_s, lead):
+def test_maximum_lead_is_78_ticks_at_rest_plus_up_to_60(speed_deg_s, lead):
     assert make_limits().max_lead_ticks(math.radians(speed_deg_s)) == lead
 
 
 @pytest.mark.parametrize(("short_ticks", "lead"), [(0.9e-6, 28), (1.1e-6, 27)])
-def test_max_lead_tolerates_rounding_of_speed(short_ticks, lead):
+def test_maximum_lead_tolerates_floating_point_rounding(short_ticks, lead):
     assert make_limits().max_lead_ticks((280.0 - 10.0 * short_ticks) * TICK) == 78 + lead
 
 
 @pytest.mark.parametrize(("lag_rad", "lead"), [(0.1, 78), (0.15, 97), (0.2, 130), (0.3, 130)])
-def test_max_lead_grows_with_lifting_lag_up_to_130_ticks(lag_rad, lead):
+def test_maximum_lead_grows_with_lifting_lag_up_to_130_ticks(lag_rad, lead):
     limits = replace(make_limits(), lifting_lag_rad=lag_rad)
     assert limits.max_lead_ticks(0.0) == lead
 
@@ -70,7 +70,7 @@ def test_joint_counts_as_sinking_far_if_sag_exceeds_60_ticks(sag_ticks, far):
     assert replace(make_limits(), sag_rad=sag_ticks * TICK).sinks_far == far
 
 
-def test_max_lead_in_ticks_scales_with_encoder_resolution():
+def test_maximum_lead_scales_with_encoder_resolution():
     fine = JointMap.revolute("elbow", 3, 1, 0, 409_600)
     limits = Limits.of("elbow", -1.0, 1.0, "user")
     assert DrivenJoint(fine, limits, 5.0).max_lead_ticks(5.0) == 6000 + 7822

@@ -46,7 +46,7 @@ def test_third_following_error_after_restart_stops_motion():
 
 
 @pytest.mark.parametrize("measured", [(1.21, 1.0), (1.0, np.nan), (np.inf, 1.0)])
-def test_joint_ahead_of_goal_or_nan_counts_as_following_error(measured):
+def test_joint_ahead_of_goal_or_nan_is_a_following_error(measured):
     watch = following()
     for _ in range(2):
         watch.update(GOALS, np.array(measured))
@@ -92,7 +92,7 @@ def test_following_error_limit_is_smaller_for_slow_motion():
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow[::-1]), 96) is None
 
 
-def test_following_error_names_joint_as_in_its_limits():
+def test_following_error_uses_joint_name_of_its_limits():
     watch = TrackingMonitor.for_limits([make_limits("elbow"), make_limits("wrist", 4)])
     for _ in range(2):
         watch.update(np.zeros(2), np.array([0.0, 1.0]))

@@ -37,7 +37,7 @@ def test_gate_refuses_first_tick_outside_limits(start, tick):
     assert bus.sent == []
 
 
-def test_refusal_names_joint_goal_limit_and_its_source():
+def test_gate_refusal_names_joint_goal_limit_and_source():
     gate, _, _ = make_gate_at(2990)
     with pytest.raises(RefusedError, match=r"elbow target 83\.8° .* limit 83\.7° \(hand sweep\)"):
         gate.send({"elbow": 3001})
@@ -197,7 +197,7 @@ def test_gate_refuses_goal_one_tick_beyond_max_lead():
     assert bus.sent == [{3: 2186}]
 
 
-def test_slow_motion_has_shorter_max_lead():
+def test_gate_allows_less_lead_in_slow_motion():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.update_measured({"elbow": 2048}, 0.04)
@@ -259,13 +259,13 @@ def test_every_gate_method_refuses_unknown_joint(call):
     assert bus.sent == []
 
 
-def test_measured_ticks_returns_latest_readings():
+def test_gate_returns_latest_measured_ticks():
     gate, _, _ = make_gate_at(2000)
     gate.update_measured({"elbow": 2010}, 0.03)
     assert gate.measured_ticks == {"elbow": 2010, "wrist": 2048}
 
 
-def test_allowed_advance_is_limited_by_slowest_joint_and_50_ms():
+def test_gate_advance_is_limited_by_slowest_joint_and_50_ms():
     gate, _, _ = make_gate_at(2048, speed_tick_s=100)
     assert gate.allowed_advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
     gate.set_speeds({"wrist": 0.01})
@@ -299,7 +299,7 @@ def test_acknowledged_gate_needs_reset_goals_first():
     assert bus.sent == [{3: 1500}]
 
 
-def test_acknowledge_without_stop_keeps_goals():
+def test_acknowledging_gate_without_stop_keeps_goals():
     gate, bus, _ = make_gate_at(2048)
     assert gate.acknowledge() is None
     gate.send({"elbow": 2048})
@@ -427,14 +427,14 @@ class TestCut:
 
     @pytest.mark.parametrize("direction", [1, -1])
     @pytest.mark.parametrize("step", [42, 60, 101])
-    def test_shorten_goals_cuts_long_step_to_longest_allowed(self, step, direction):
+    def test_shorten_goals_reduces_long_step_to_longest_allowed(self, step, direction):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = gate.shorten_goals({"elbow": 2048 + direction * step}, CYCLE_S)
         assert goals == {"elbow": 2048 + direction * 41}
         gate.send(goals, CYCLE_S)
         assert bus.sent == [{3: 2048 + direction * 41}]
 
-    def test_shorten_goals_cuts_all_joints_by_same_share(self):
+    def test_shorten_goals_shortens_all_joints_by_same_fraction(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({"elbow": 2048 + 82, "wrist": 2048 - 41}, CYCLE_S) == {
             "elbow": 2048 + 41,
@@ -442,7 +442,7 @@ class TestCut:
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_shorten_goals_cuts_step_to_max_lead(self, direction):
+    def test_shorten_goals_reduces_step_to_maximum_lead(self, direction):
         gate, _, clock = make_gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
         clock.time_s = 2 * CYCLE_S
@@ -485,7 +485,7 @@ class TestCut:
         gate.send({"elbow": 2048 + 41}, CYCLE_S)
         assert gate.shorten_goals({"elbow": 2048 + 60}, CYCLE_S) == {"elbow": 2048 + 41}
 
-    def test_shorten_goals_cuts_single_tick_if_no_time_has_passed(self):
+    def test_shorten_goals_drops_one_tick_step_if_no_time_has_passed(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2048 + 41}, CYCLE_S)
         assert gate.shorten_goals({"elbow": 2048 + 42}, CYCLE_S) == {"elbow": 2048 + 41}

@@ -52,7 +52,7 @@ def test_healthy_arm_is_not_switched_off():
     assert health.release is False
 
 
-def test_health_alarm_has_alarm_exit_code_and_hint():
+def test_servo_health_error_has_alarm_exit_code_and_hint():
     with pytest.raises(ServoAlarmError) as caught:
         see(temperature_c=66.0)
     assert caught.value.exit_code == ExitCode.ALARM
@@ -60,12 +60,12 @@ def test_health_alarm_has_alarm_exit_code_and_hint():
 
 
 @pytest.mark.parametrize("volts", [6.0, 8.4])
-def test_supply_at_limits_of_servo_is_accepted(volts):
+def test_supply_voltage_at_servo_limits_is_accepted(volts):
     see(HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)}), voltage_v=volts)
 
 
 @pytest.mark.parametrize("volts", [5.9, 8.5])
-def test_supply_outside_limits_of_servo_holds_arm(volts):
+def test_supply_voltage_outside_servo_limits_makes_arm_hold(volts):
     health = HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)})
     with pytest.raises(
         ServoAlarmError, match=rf"supply voltage of {volts} V, outside 6\.0 to 8\.4 V"
@@ -88,13 +88,13 @@ def test_servo_without_known_limits_accepts_any_supply():
 
 
 @pytest.mark.parametrize("name", ["temperature_c", "voltage_v", "load_percent"])
-def test_telemetry_with_nan_holds_arm(name):
+def test_telemetry_with_nan_makes_arm_hold(name):
     with pytest.raises(ServoAlarmError, match="elbow"):
         see(**{name: math.nan})
 
 
 @pytest.mark.parametrize("load", [math.inf, -math.inf])
-def test_infinite_load_holds_arm(load):
+def test_telemetry_with_infinite_load_makes_arm_hold(load):
     with pytest.raises(ServoAlarmError, match="at inf % load"):
         see(load_percent=load)
 
@@ -134,7 +134,7 @@ def test_overload_time_is_counted_per_joint():
     [(False, True, "torque is off"), (True, False, "settings lost"),
      (False, False, "torque is off")],
 )  # fmt: skip
-def test_servo_reset_holds_arm(torque, reset_marker, words):
+def test_servo_reset_makes_arm_hold(torque, reset_marker, words):
     with pytest.raises(ServoAlarmError, match=f"elbow was reset: {words}"):
         see(torque=torque, settings_intact=reset_marker)
 
@@ -208,5 +208,5 @@ def test_arm_file_health_limits_replace_defaults():
 
 
 @pytest.mark.parametrize(("joints", "what"), [(["elbow"], "joint"), (["waist", "elbow"], "arm")])
-def test_lost_torque_error_says_that_arm_fell(joints, what):
+def test_torque_loss_error_says_that_arm_fell(joints, what):
     assert torque_lost_error(joints).message.endswith(f"The {what} is limp and has fallen.")

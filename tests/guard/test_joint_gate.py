@@ -48,7 +48,7 @@ def test_joint_pushed_beyond_max_lead_may_only_reduce_its_lead(side):
 
 
 @pytest.mark.parametrize("now_s", [1.0, 1.25])
-def test_measurement_is_valid_for_250_ms(now_s):
+def test_position_measurement_is_valid_for_250_ms(now_s):
     joint = measured_at(2048)
     assert not joint.is_stale(now_s)
     joint.check_goal(2048, LONG_S, now_s)
@@ -62,7 +62,7 @@ def test_goal_is_refused_if_position_reading_is_stale(now_s):
         joint.check_goal(2048, LONG_S, now_s)
 
 
-def test_unmeasured_joint_is_stale_and_motion_waits():
+def test_unmeasured_joint_counts_as_stale_and_motion_waits():
     joint = JointGate(make_limits())
     assert joint.is_stale(0.0)
     assert joint.ease() == 0.0
@@ -140,13 +140,13 @@ def test_allowed_advance_uses_motion_speed_up_to_joint_speed(speed, used):
     assert joint.allowed_advance_s(0.2) == pytest.approx(100 / used)
 
 
-def test_joint_with_largest_lag_sets_allowed_advance():
+def test_joint_with_largest_lag_limits_allowed_advance():
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     gate.update_measured({"elbow": 2048 - 121, "wrist": 2048}, 0.02)
     assert gate.allowed_advance_s(0.001) == pytest.approx(0.0004928, rel=1e-3)
 
 
-def test_allowed_advance_without_goals_is_full_time():
+def test_allowed_advance_without_goals_is_full_cycle_time():
     gate = Gate([make_limits()], ManualClock())
     assert gate.allowed_advance_s(0.01) == 0.01
 

@@ -16,7 +16,7 @@ def test_third_cycle_without_reply_raises_error_naming_joint():
         losses.update(ONE)
 
 
-def test_error_names_all_silent_joints():
+def test_lost_servo_error_names_all_silent_joints():
     losses = CommunicationMonitor(["elbow", "wrist"], max_lost=1)
     with pytest.raises(ServoSilentError, match="elbow, wrist did not answer"):
         losses.update(())

@@ -59,12 +59,12 @@ def test_collision_error_names_nearer_plate_in_any_order():
         check([0.5, 4.5], plate(2.5, name="the far plate"), plate(1.5, name="the near plate"))
 
 
-def test_path_beside_plate_is_free_in_both_directions():
+def test_path_beside_plate_is_collision_free_both_ways():
     for path_m in ([0.5, 1.39], [1.39, 0.5], [1.61, 2.5], [2.5, 1.61], [0.5, 1.39, 0.5]):
         check(path_m, plate(1.5))
 
 
-def test_body_may_leave_plate_that_it_touches():
+def test_link_may_leave_plate_that_it_touches():
     check([1.55, 2.5], plate(1.5))
     with pytest.raises(RefusedError, match="the far plate"):
         check([1.55, 4.5], plate(1.5), plate(3.5, name="the far plate"))
@@ -96,7 +96,7 @@ def test_body_touching_plate_may_not_pass_through_it():
 
 
 @pytest.mark.parametrize(("apart_m", "refused"), [(0.00201, True), (0.00199, False)])
-def test_contact_over_1_mm_between_samples_is_found(apart_m, refused):
+def test_contact_deeper_than_1_mm_between_samples_is_found(apart_m, refused):
     # the ball is free at both samples; between them it is as deep in the sheet as its radius
     path = [np.array([1.5 - apart_m / 2]), np.array([1.5 + apart_m / 2])]
     checker = CollisionChecker(slider(apart_m / 2 - 1e-6), boxes=[plate(1.5, thickness_m=1e-6)])

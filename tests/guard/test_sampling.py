@@ -38,7 +38,7 @@ def test_joints_of_equal_speed_move_straight_to_goal(start, goal):
     np.testing.assert_allclose(across, 0, atol=1e-6)
 
 
-def test_sample_count_of_fast_motion_follows_its_distance():
+def test_sample_count_of_fast_motion_depends_on_distance():
     path = sample_path(lambda time_s: np.array([3.0 * time_s]), 2.0, 3.0)
     assert len(path) == 1 + round(6.0 / MAX_SAMPLE_STEP_RAD)
 
@@ -50,7 +50,7 @@ def test_joint_space_line_is_sampled_evenly_with_exact_ends(start, goal):
     np.testing.assert_array_equal(path[[0, -1]], [start, goal])
 
 
-def test_linear_joint_is_sampled_by_angle_of_its_horn():
+def test_sliding_joint_is_sampled_by_angle_of_servo_horn():
     start, goal = np.zeros(2), np.array([0.1, 0.10])  # rad and m
     path = sample_line(start, goal, np.array([1.0, 0.01]))  # 10 rad of the slide's horn
     assert len(path) == 1 + round(10.0 / MAX_SAMPLE_STEP_RAD)
@@ -60,7 +60,7 @@ def test_rotation_path_is_sampled_by_largest_joint_angle():
     assert len(sample_line(np.zeros(2), np.array([0.2, -1.0]))) == 1 + 20
 
 
-def test_sampled_line_of_zero_length_has_two_samples():
+def test_joint_space_line_of_zero_length_has_two_samples():
     assert sample_line(np.ones(3), np.ones(3)).shape == (2, 3)
 
 

@@ -10,7 +10,7 @@ from ikservo.guard.joint_gate import RateLimiter
 @pytest.mark.parametrize(
     ("elapsed_s", "most"), [(0.0, 1), (0.0001, 1), (0.01, 11), (0.05, 51), (0.06, 51), (-1.0, 1)]
 )
-def test_max_step_is_speed_times_time_plus_one_tick(elapsed_s, most):
+def test_maximum_step_is_speed_times_time_plus_one_tick(elapsed_s, most):
     assert RateLimiter(1000.0).max_step(elapsed_s) == most
 
 
@@ -41,7 +41,7 @@ def test_maximum_step_tolerates_floating_point_rounding(short_ticks, most):
 
 
 @given(st.lists(st.tuples(st.integers(0, 60), st.floats(0.0, 0.05)), max_size=40))
-def test_goals_never_exceed_speed_times_time_plus_one_tick(steps):
+def test_goal_steps_never_exceed_speed_times_time_plus_one_tick(steps):
     limiter, gone, elapsed_s = RateLimiter(1000.0), 0, 0.0
     for goal, dt_s in steps:
         step = min(goal, limiter.max_step(dt_s))

@@ -80,7 +80,7 @@ def test_path_search_does_not_jump_through_thin_wall(monkeypatch):
     assert walled._step_m < 0.5
 
 
-def test_path_search_shortens_path_after_first_one(monkeypatch):
+def test_path_search_shortens_path_after_finding_first(monkeypatch):
     space = maze(gap=0.6, half_m=0.06)
     lengths = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
     monkeypatch.setattr(path_search, "_MOST_WAYS", 1)

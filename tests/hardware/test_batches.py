@@ -172,7 +172,7 @@ def test_two_buses_are_read_by_two_threads_at_once():
     assert [len(rows) for rows in found] == [200, 200]
 
 
-def test_two_threads_on_one_bus_take_turns():
+def test_two_threads_share_one_bus_without_interference():
     bus = make_bus({1: X, 2: "STS3215"})
     found = {1: set(), 2: set()}
 
@@ -213,7 +213,7 @@ class TestRollCall:
         assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).replies.keys() == {1, 200}
 
     @pytest.mark.parametrize("model", [X, "STS3215"])
-    def test_broadcast_ping_reveals_duplicate_id(self, model):
+    def test_broadcast_ping_detects_duplicate_id(self, model):
         transport_bus = make_bus({1: model})
         family = transport_bus.servos[1].table.family
         bus = crowded(model)

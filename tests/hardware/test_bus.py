@@ -78,7 +78,7 @@ class TestRefusedBeforeAByteIsSent:
         assert feetech.sync_read([], RegisterName.PRESENT_POSITION).require_all() == {}
 
 
-def test_torque_read_by_sync_read_is_remembered(feetech, line):
+def test_torque_state_read_by_sync_read_is_remembered(feetech, line):
     line.expect("FF FF FE 05 82 28 01 01 50", "FF FF 01 03 00 01 FA")
     feetech.sync_read([1], RegisterName.TORQUE_ENABLE)
     with pytest.raises(RegisterAccessError, match="torque is on"):
@@ -168,18 +168,18 @@ class TestUnresponsiveServos:
 class TestStatistics:
     """Every request is counted."""
 
-    def test_statistics_count_losses_and_retries(self, patient, line):
+    def test_bus_statistics_count_losses_and_retries(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, reply(1, 0, 0, 0, 8))
         patient.read(1, RegisterName.PRESENT_POSITION)
         counts = patient.statistics[1]
         assert (counts.requests, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)
 
-    def test_round_trip_is_time_until_reply(self, patient, line):
+    def test_round_trip_time_is_time_until_reply(self, patient, line):
         line.expect(READ_1, AT_2048, after_s=0.0007)
         patient.read(1, RegisterName.PRESENT_POSITION)
         assert patient.statistics[1].round_trip_s(0.5) == pytest.approx(0.0007)
 
-    def test_round_trip_is_none_without_reply(self, patient):
+    def test_round_trip_time_is_none_without_reply(self, patient):
         assert patient.statistics[1].round_trip_s(0.5) is None
 
 
@@ -220,7 +220,7 @@ class TestErrors:
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
 
 
-def test_models_of_one_family_share_sync_read(port, line):
+def test_servo_models_of_one_family_share_one_sync_read(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, XL330M288)], fast=False)
     line.expect(
         "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
@@ -246,7 +246,7 @@ def test_families_on_one_bus_are_read_in_their_own_protocols(port, line):
     }
 
 
-def test_alarm_register_is_read_as_named_alarms(feetech, line):
+def test_alarm_register_is_decoded_to_named_alarms(feetech, line):
     line.expect("FF FF 01 04 02 41 01 B6", "FF FF 01 03 20 25 B6")
     assert feetech.read_alarms(1) == {Alarm.VOLTAGE, Alarm.HEAT, Alarm.OVERLOAD}
 

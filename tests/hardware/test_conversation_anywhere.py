@@ -151,7 +151,7 @@ def test_write_to_measured_register_is_refused(bus, ids):
 
 
 @pytest.mark.sample(3)
-def test_thousand_position_reads_are_answered(bus, ids, request):
+def test_thousand_position_reads_are_all_answered(bus, ids, request):
     asked = 1000 // len(ids)
     answered = sum(
         not bus.sync_read(ids, RegisterName.PRESENT_POSITION).errors for _ in range(asked)
@@ -160,7 +160,7 @@ def test_thousand_position_reads_are_answered(bus, ids, request):
     assert answered >= (1.0 - LATE.get(place, 0.0)) * asked
 
 
-def test_round_trip_of_every_servo_is_timed(bus, ids):
+def test_round_trip_time_of_every_servo_is_measured(bus, ids):
     for servo_id in ids:
         bus.read(servo_id, RegisterName.PRESENT_POSITION)
         assert 0.0 < bus.statistics[servo_id].round_trip_s(0.5) < 0.1

@@ -52,7 +52,7 @@ def test_servo_moves_to_written_goal(arm):
     assert servos[1].read("present_position") == pytest.approx(goal_tick, abs=10)
 
 
-def test_torque_off_switches_torque_off(arm):
+def test_torque_off_call_switches_servo_torque_off(arm):
     bus, servos = arm
     torque_on(bus, 1)
     assert torque_off(bus, IDS) == {}
@@ -96,7 +96,7 @@ def test_eeprom_limit_persists_and_is_not_written_twice(arm):
     assert update_eeprom(bus, 4, wanted) == []
 
 
-def test_eeprom_read_holds_every_eeprom_register(arm):
+def test_eeprom_read_contains_every_eeprom_register(arm):
     bus, servos = arm
     backup = read_eeprom(bus, 4)
     assert backup == {name: servos[4].read(name) for name in backup}

@@ -50,7 +50,7 @@ def test_servos_move_to_written_goals(arm):
     assert servos[1].read("present_position") == pytest.approx(goals[1], abs=10)
 
 
-def test_registered_goals_start_together_on_action(arm):
+def test_registered_goals_start_together_on_action_instruction(arm):
     bus, servos = arm
     for servo_id in (1, 5):
         torque_on(bus, servo_id)
@@ -114,7 +114,7 @@ def test_homing_offset_persists_and_is_not_written_twice(arm):
     assert update_eeprom(bus, 1, {STS3215.homing_offset: -100}) == []
 
 
-def test_eeprom_read_holds_every_eeprom_register(arm):
+def test_eeprom_read_contains_every_eeprom_register(arm):
     bus, servos = arm
     backup = read_eeprom(bus, 4)
     assert backup == {name: servos[4].read(name) for name in backup}

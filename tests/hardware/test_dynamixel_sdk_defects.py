@@ -173,7 +173,7 @@ class TestD9BusyFlag:
 class TestD10Action:
     """An action to one servo is answered, and the reply stays in the input."""
 
-    def test_sdk_leaves_action_reply_in_buffer(self, stock, line):
+    def test_sdk_leaves_reply_to_action_in_buffer(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 03 00 05 02 CE", TAKEN, after_s=0.0)
         handler.action(port, 1)

@@ -79,7 +79,7 @@ def test_packet_with_flipped_bit_never_yields_other_data(
 
 @both
 @given(anything=st.binary(max_size=64), final=st.booleans())
-def test_scanner_survives_any_bytes(packet, scan, anything, final):
+def test_packet_scanner_survives_random_bytes(packet, scan, anything, final):
     received = scan(anything, (2,), final=final)
     assert 0 <= received.pending <= len(anything)
 

@@ -120,7 +120,7 @@ class TestF5TwoPrograms:
 class TestF6BaudRates:
     """The SDK's list lacks rates that the servos have."""
 
-    def test_sdk_keeps_old_baud_rate_silently(self, stock):
+    def test_sdk_keeps_old_baud_rate_without_error(self, stock):
         _, port = stock
         assert port.setBaudRate(76_800) is False
         assert port.getBaudRate() == 1_000_000
@@ -185,7 +185,7 @@ class TestF9ByteOrder:
         yield scservo_sdk.PacketHandler(1)
         scservo_sdk.PacketHandler(0)
 
-    def test_sdk_swaps_bytes_after_use_of_other_family(self, stock, line):
+    def test_sdk_swaps_byte_order_after_use_of_other_servo_family(self, stock, line):
         handler, port = stock
         scservo_sdk.PacketHandler(1)
         line.expect(READ_POSITION, AT_2048)
@@ -247,7 +247,7 @@ class TestF12Echo:
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56)[0] == 568
 
-    def test_driver_skips_echo(self, feetech, line):
+    def test_driver_skips_echo_of_its_request(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
@@ -256,7 +256,7 @@ class TestF12Echo:
         with pytest.raises(ServoSilentError):
             feetech.read(1, POSITION)
 
-    def test_ping_reply_with_voltage_alarm_is_not_an_echo(self, feetech, line):
+    def test_ping_reply_with_voltage_alarm_is_not_taken_for_echo(self, feetech, line):
         line.expect(PING, PING)
         line.expect("FF FF 01 04 02 03 02 F3", "FF FF 01 04 01 09 03 ED")
         assert feetech.ping(1).model_number == 777
@@ -324,7 +324,7 @@ class TestF17Threads:
         port.is_using = True  # the first thread is between question and answer
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_PORT_BUSY
 
-    def test_driver_lets_second_thread_wait(self, feetech, line, port):
+    def test_driver_makes_second_thread_wait(self, feetech, line, port):
         line.expect(READ_POSITION, AT_2048)
         found = []
         second = threading.Thread(target=lambda: found.append(feetech.read(1, POSITION, raw=True)))

@@ -155,7 +155,7 @@ def test_forked_child_opens_port_while_parent_opens_another(pty_name, monkeypatc
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_forked_child_has_no_open_lock_of_port(pty_name, tmp_path):
+def test_forked_child_holds_no_port_lock(pty_name, tmp_path):
     lock = lock_name(pty_name, tmp_path)
     with open_port(pty_name, 1_000_000):
         assert lock in descriptors()

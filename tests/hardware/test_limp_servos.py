@@ -76,7 +76,7 @@ def test_prepared_goal_packet_is_sent_while_torque_is_on():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_torque_switched_on_by_another_program_is_noticed(model):
+def test_torque_switched_on_by_another_program_is_detected(model):
     bus, at_tick = limp_bus(model)
     simulated_servos(bus)[1].write("torque_enable", 1)
     bus.write(1, GOAL, at_tick + 5, raw=True)
@@ -185,7 +185,7 @@ def test_torque_on_outside_limits_works_only_near_limit(outside, switched_on):
     assert holds(bus) == switched_on
 
 
-def test_other_registers_may_be_written_with_torque_off():
+def test_registers_other_than_goal_are_writable_with_torque_off():
     bus, _ = limp_bus("STS3215")
     bus.bulk_write({1: {STS3215.acceleration: 9, STS3215.goal_speed: 100}}, raw=True)
     bus.ping(1)

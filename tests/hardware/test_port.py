@@ -175,7 +175,7 @@ class TestLosing:
         with pytest.raises(PortLostError, match="Lost connection"):
             orphan.clearPort()
 
-    def test_closing_lost_port_raises_nothing(self, orphan):
+    def test_closing_lost_port_raises_no_error(self, orphan):
         orphan.close()
         assert not orphan.is_open
 
@@ -274,7 +274,7 @@ class TestTimeout:
             assert port.reply_timeout.timeout_s == 0.012
 
 
-def test_mainboard_ports_are_not_listed(monkeypatch):
+def test_built_in_serial_ports_are_not_listed(monkeypatch):
     ports = [SimpleNamespace(device=f"/dev/{name}") for name in ("ttyS0", "ttyUSB0", "ttyAMA0")]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
     assert serial_ports.list_devices() == ["/dev/ttyAMA0", "/dev/ttyUSB0"]

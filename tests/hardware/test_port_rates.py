@@ -17,7 +17,7 @@ SPECIAL = [76_800, 250_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals take any rate")
 
 
-def test_special_baud_rates_are_listed():
+def test_non_standard_baud_rates_are_listed():
     assert set(SPECIAL) <= set(RATES)
 
 

@@ -115,7 +115,7 @@ def test_adapter_without_serial_number_reconnects_by_old_name(set_adapters, new_
 
 
 @pytest.mark.parametrize("moment", range(20))
-def test_unplugged_cable_raises_error_before_the_deadline(new_pty, moment):
+def test_unplugged_cable_raises_error_before_read_deadline(new_pty, moment):
     name, (master, slave) = new_pty()
     port = open_port(name, 1_000_000)
     os.close(slave)

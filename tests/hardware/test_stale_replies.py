@@ -112,7 +112,7 @@ class TestHealthyLine:
         line.clock.s += 0.021
         feetech.read(1, STS3215.max_position_limit)
 
-    def test_read_of_another_servo_keeps_its_length(self, feetech, line):
+    def test_read_of_another_servo_keeps_requested_length(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(2, 11, 2), reply(2, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         feetech.read(2, STS3215.max_position_limit)

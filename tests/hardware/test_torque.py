@@ -63,7 +63,7 @@ def test_torque_stays_off_at_wrong_supply_voltage(feetech, line):
         torque_on(feetech, 1)
 
 
-def test_supply_voltage_inside_limits_is_returned(feetech, fed):
+def test_torque_on_check_returns_supply_voltage_inside_limits(feetech, fed):
     assert check_supply_voltage(feetech, 1) == pytest.approx(12.0)
 
 

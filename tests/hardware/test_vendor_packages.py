@@ -82,7 +82,7 @@ def test_dynamixel_arm_moves_with_old_sdk_installed_over_new(installed, release)
 
 
 @pytest.mark.full
-def test_error_names_package_serial_that_replaced_pyserial(installed):
+def test_error_names_pip_package_serial_that_hides_pyserial(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
     first, second = result.stderr.splitlines()
     assert first == "The Python module serial of pyserial is damaged or was replaced by serial."
@@ -91,7 +91,7 @@ def test_error_names_package_serial_that_replaced_pyserial(installed):
 
 
 @pytest.mark.full
-def test_pyserial_installed_after_package_serial_works(installed):
+def test_pyserial_works_if_installed_after_package_serial(installed):
     result = moved(installed("serial==0.0.97", "pyserial==3.5"), "so101")
     assert result.returncode == 0, result.stderr
 

@@ -27,7 +27,7 @@ def test_solve_refuses_invalid_option(option):
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, math.nan, "1 mm", None])
-def test_tolerance_must_be_number_above_zero(value):
+def test_ik_tolerance_must_be_number_above_zero(value):
     with pytest.raises(BadValueError, match="tolerance in metres"):
         Tolerance(position_m=value)
 
@@ -96,7 +96,7 @@ def test_ik_options_must_be_a_solve_options_object(ask):
 @pytest.mark.parametrize(("T", "q0"), [
     ("x", HERE), (None, HERE), ([[1], [2, 3]], HERE), (np.eye(4), "home"), (np.eye(4), {}),
 ])  # fmt: skip
-def test_solver_refuses_pose_or_start_that_is_not_numeric(T, q0):
+def test_ik_solver_refuses_pose_or_start_that_is_not_numeric(T, q0):
     with pytest.raises(BadValueError, match=r"T_world_tool|q0"):
         Solver(ARM)(T, q0)
 

@@ -149,7 +149,7 @@ def test_bounded_solver_finds_best_of_10000_orientations(name, kind):
     assert worse_than_dense_search_deg(name, kind, T, 300, random).max() < 1.0
 
 
-def test_weights_share_error_between_position_and_orientation():
+def test_ik_error_is_shared_without_position_priority():
     chain = planar(0.3, 0.2, limit_rad=2.5)
     target = Target((0.35, 0.1, 0.0), direction=(0, 1, 0), tool_axis=(1, 0, 0))
     first = solve(chain, target, method="bounded")
@@ -173,7 +173,7 @@ def test_bounded_solver_follows_1000_lines_without_flips(name, kind):
     assert largest_step_on_lines(name, kind, 1000, seed=3) < 1.5 * GEOMETRY_RAD
 
 
-def test_tracking_out_of_reach_follows_edge_and_names_limit():
+def test_ik_tracking_out_of_reach_follows_workspace_edge():
     arm = planar(0.3, 0.2).with_limits([-0.5, 0.3], [0.8, 1.5])
     solver, q, gaps_m = Solver(arm), np.array([0.4, 0.9]), []
     for y in np.linspace(0.3, 0.6, 60):
@@ -187,7 +187,7 @@ def test_tracking_out_of_reach_follows_edge_and_names_limit():
     assert [str(limit) for limit in solver.result.binding] == [str(limit) for limit in best.binding]
 
 
-def test_tracking_moves_arm_out_of_stretched_posture():
+def test_ik_tracking_moves_arm_out_of_stretched_posture():
     solver, T = Solver(planar(0.3, 0.2)), np.eye(4)
     T[0, 3] = 0.4  # straight inwards, where the gradient is zero
     assert solver.track(T, [0.0, 0.0])[1]
@@ -224,7 +224,7 @@ def test_solver_object_gives_same_result_as_solve():
     np.testing.assert_array_equal(q, expected.q)
 
 
-def test_solver_writes_answer_to_out_array():
+def test_ik_solver_writes_solution_to_out_array():
     chain, out = planar(0.3, 0.2), np.zeros(2)
     q, _ = Solver(chain)(chain.forward([0.3, 0.5]), [0.0, 0.1], out)
     assert q is out
@@ -244,12 +244,12 @@ def test_solver_writes_answer_to_out_array():
         (np.eye(4), [0, math.inf]),
     ],
 )
-def test_solver_refuses_invalid_pose_or_start(T, q0):
+def test_ik_solver_refuses_invalid_pose_or_start(T, q0):
     with pytest.raises(BadValueError):
         Solver(planar(0.3, 0.2), "pose")(T, q0)
 
 
-def test_unknown_target_kind_is_refused_with_suggestion():
+def test_unknown_ik_target_kind_error_suggests_known_kind():
     with pytest.raises(UnknownNameError, match="Did you mean pose"):
         Solver(planar(0.3, 0.2), "poses")
 
@@ -280,12 +280,12 @@ def test_batch_of_points_reports_reached_and_position_errors():
         (np.zeros((2, 3)), [math.nan, 0.0]),
     ],
 )
-def test_invalid_batch_is_refused(targets, q0s):
+def test_invalid_ik_batch_is_refused(targets, q0s):
     with pytest.raises(BadValueError):
         solve_batch(planar(0.3, 0.2), targets, q0s)
 
 
-def test_target_keeps_copies_of_caller_arrays():
+def test_ik_target_copies_arrays_of_caller():
     chain = load_model("so101").chain.with_limits([0.2] * 5, [0.5] * 5)
     point_m, R = np.array([0.25, 0.05, 0.15]), np.eye(3)
     target = Target(point_m, orientation=R)
@@ -352,6 +352,6 @@ def test_out_array_of_wrong_dtype_or_shape_is_refused(out):
         Solver(arm)(arm.forward([0.1, 0.2]), [0.0, 0.1], out)
 
 
-def test_solver_has_no_result_before_first_solve():
+def test_ik_solver_has_no_result_before_first_solve():
     with pytest.raises(InputError, match="no result yet"):
         _ = Solver(planar(0.3, 0.2)).result

@@ -180,7 +180,7 @@ def test_closed_form_finds_solution_within_narrowed_limits(name):
         ("wx250s", (0.25, 0.02, 0.06), (1, 0, 0)),
     ],
 )
-def test_closed_form_points_straight_down_at_any_yaw(name, point, tool_axis):
+def test_closed_form_reaches_straight_down_direction_at_any_yaw(name, point, tool_axis):
     target = Target(point, direction=(0, 0, -1), tool_axis=tool_axis)
     result = solve(chain(name), target, method="closed_form")
     assert result.reached

@@ -72,7 +72,7 @@ def test_planar_2r_has_two_solutions_nearest_first():
     assert down[1] == pytest.approx(-up[1])
 
 
-def test_joint_limits_leave_only_allowed_elbow():
+def test_planar_joint_limits_leave_only_allowed_elbow():
     arm = TWO.with_limits([-math.pi, -math.pi], [math.pi, 0.0])
     (only,) = solutions(arm, Target((0.35, 0.1, 0.0)), q0=[0.0, 1.0])
     assert only[1] < 0
@@ -93,7 +93,7 @@ def test_nearest_point_outside_annulus_is_on_its_edge(target):
 
 
 @pytest.mark.parametrize("chain", [TWO, THREE])
-def test_nearest_point_in_limits_is_nearer_than_dense_search(chain):
+def test_planar_nearest_point_in_limits_is_as_good_as_search(chain):
     rng = np.random.default_rng(5)
     for _ in range(25):
         arm = narrowed(chain, rng)

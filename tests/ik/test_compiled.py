@@ -303,7 +303,7 @@ def test_compiled_target_check_accepts_only_valid_numbers(way, position, rotatio
 @pytest.mark.parametrize(
     "change", [np.asfortranarray, lambda T: T.tolist(), lambda T: T.astype("f4")]
 )
-def test_solver_accepts_any_array_layout_list_and_float32(change):
+def test_ik_solver_accepts_any_array_layout_list_and_float32(change):
     model = load_model("so101")
     solver, T = Solver(model.chain, "pose"), np.eye(4)
     T[:3, 3] = 0.25, 0.0, 0.125
@@ -326,7 +326,7 @@ def test_compiled_batch_reports_index_of_invalid_problem(argument, value):
 
 @pytest.mark.full
 @needs_extension
-def test_invalid_settings_give_same_results_compiled_and_python():
+def test_invalid_ik_settings_behave_same_compiled_and_python():
     rng, same = np.random.default_rng(3), 0
     for _ in range(40):
         kind = TargetKind(int(rng.integers(3)))

@@ -162,7 +162,7 @@ def test_max_iterations_option_limits_iterations(method):
 
 
 @EACH
-def test_coarse_tolerance_is_reached_in_fewer_iterations(method):
+def test_coarse_ik_tolerance_needs_fewer_iterations(method):
     question = (planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5])
     coarse = walk(method, *question, tolerance=Tolerance(position_m=0.02))
     assert coarse.reached

@@ -103,7 +103,7 @@ def test_aligned_wrist_has_one_parameter_family():
     assert (found.kind, found.freedom) == ("family", 1)
 
 
-def test_solutions_without_closed_form_are_unknown():
+def test_solution_count_without_closed_form_is_unknown():
     chain = pantograph()
     result = solve(chain, Target(chain.forward([0.4, 0.5])[:3, 3]))
     assert (result.solutions.kind, str(result.solutions)) == ("unknown", "others not known")

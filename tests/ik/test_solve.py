@@ -112,12 +112,12 @@ def test_unreachable_direction_does_not_increase_position_error():
 
 
 @pytest.mark.parametrize("q0", [[0, 0], [0, 0, math.nan], "abc"])
-def test_invalid_start_is_refused(q0):
+def test_invalid_ik_start_is_refused(q0):
     with pytest.raises(BadValueError, match="q0"):
         solve(ARM, Target((0.3, 0, 0)), q0=q0)
 
 
-def test_unknown_method_is_refused_with_known_names():
+def test_unknown_ik_method_error_lists_known_methods():
     with pytest.raises(UnknownNameError, match="Known: auto, bounded"):
         solve(ARM, Target((0.3, 0, 0)), method="magic")
 

@@ -110,7 +110,7 @@ def test_point_off_the_plane_is_not_in_workspace_slice(annulus):
     assert not annulus.contains((0.2, 0.0, 0.6 * CELL_M))
 
 
-def test_point_off_the_grid_is_not_in_workspace(annulus):
+def test_point_outside_grid_is_not_in_workspace(annulus):
     assert not annulus.contains((100.0, 0.0, 0.0))
 
 

@@ -27,7 +27,7 @@ def test_lerobot_forward_kinematics_takes_degrees(kinematics):
     assert kinematics.joint_names == list(chain.names)
 
 
-def test_inverse_kinematics_converges_in_one_call_inside_limits(kinematics):
+def test_lerobot_inverse_kinematics_converges_in_one_call(kinematics):
     chain = ikservo.load_model("so101").chain
     rng = np.random.default_rng(3)
     for _ in range(50):
@@ -38,7 +38,7 @@ def test_inverse_kinematics_converges_in_one_call_inside_limits(kinematics):
         assert np.all(np.radians(q) <= chain.upper_rad + 1e-9)
 
 
-def test_inverse_kinematics_follows_line_beyond_reach_smoothly(kinematics):
+def test_lerobot_inverse_kinematics_is_smooth_beyond_reach(kinematics):
     q = home(kinematics)
     T = kinematics.forward_kinematics(q)
     largest = 0.0
@@ -50,7 +50,7 @@ def test_inverse_kinematics_follows_line_beyond_reach_smoothly(kinematics):
     assert np.linalg.norm(T[:3, 3] - kinematics.forward_kinematics(q)[:3, 3]) > 0.05
 
 
-def test_inverse_kinematics_keeps_gripper_value():
+def test_lerobot_inverse_kinematics_keeps_gripper_value():
     from lerobot_robot_ikservo import IkservoKinematics
 
     names = [joint.name for joint in ikservo.load_model("so101").joints]
@@ -75,7 +75,7 @@ def test_zero_orientation_weight_ignores_orientation(kinematics):
     assert np.abs(turned - q).max() > 5.0
 
 
-def test_kinematics_of_open_arm_uses_its_limits():
+def test_lerobot_kinematics_of_open_arm_uses_its_limits():
     from lerobot_robot_ikservo import IkservoKinematics
 
     with ikservo.open_arm("so101", port="sim") as arm:

@@ -126,7 +126,7 @@ def test_lerobot_gripper_steps_open_close_or_hold_gripper(connected, step, chang
     assert after - before == pytest.approx(change * 10.0, abs=2.0)
 
 
-def test_ee_delta_out_of_reach_warns_once_and_returns_at_once(connected, caplog):
+def test_ee_delta_action_out_of_reach_warns_once(connected, caplog):
     robot = connected(action="ee_delta", step_m=0.004)
     send(robot, {**STAY, "delta_x": 1.0}, 140)  # on the way back the guard may refuse a goal
     assert sum("out of reach" in line for line in caplog.messages) == 1
@@ -211,7 +211,7 @@ def test_lerobot_ee_pose_has_priority_over_joint_positions(connected):
     assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(0.0, abs=0.5)
 
 
-def test_lerobot_action_of_another_kind_names_its_option(connected):
+def test_wrong_lerobot_action_type_error_names_its_option(connected):
     robot = connected(action="joint")
     with pytest.raises(ValueError, match="action=ee_delta"):
         robot.send_action(STAY)

@@ -119,7 +119,7 @@ def test_arm_of_killed_program_stops_and_moves_again(terminal, simulator):
     assert_moves_again(terminal, simulator)
 
 
-def test_ctrl_c_holds_arm_and_it_moves_again(terminal, simulator):
+def test_arm_holds_after_ctrl_c_and_moves_again(terminal, simulator):
     with under_way(terminal, simulator) as program:
         program.type("\x03")
         ended = program.ended()

@@ -62,7 +62,7 @@ def test_solve_help_fits_terminal_width(terminal):
         "solve 0.2 0 --arm so101",
     ],
 )
-def test_mistyped_solve_arguments_exit_2_with_short_error(terminal, words):
+def test_invalid_solve_arguments_exit_2_with_short_error(terminal, words):
     ended = terminal.run(*words.split())
     assert ended.code == 2
     assert "Traceback" not in ended.text

@@ -77,7 +77,7 @@ def test_batch_segment_distances_equal_single_distances(quadruples):
     np.testing.assert_allclose(together, alone, atol=1e-12)
 
 
-def test_point_is_segment_of_zero_length():
+def test_distance_to_point_equals_segment_of_zero_length():
     origin, one = np.zeros(3), np.array([1.0, 0, 0])
     assert segment_distance(origin, origin, one, one) == pytest.approx(1.0)
     assert segment_distance(origin, origin, one, -one) == pytest.approx(0.0)

@@ -70,7 +70,7 @@ def test_chain_limits_are_read_only():
         planar(0.3, 0.2).lower_rad[0] = 5.0
 
 
-def test_reversed_limits_are_refused_with_joint_name():
+def test_reversed_joint_limits_are_refused_with_joint_name():
     with pytest.raises(BadValueError, match="range of j2"):
         planar(0.3, 0.2).with_limits([-1, 2], [1, 0])
 
@@ -86,7 +86,7 @@ def test_unknown_frame_error_suggests_closest_link():
         planar(0.3, 0.2).forward([0, 0], frame="tipp")
 
 
-def test_joint_order_of_description_does_not_matter():
+def test_chain_does_not_depend_on_joint_order_of_description():
     assert crane().frames == tuple(crane().link_poses([0, 0]))
     assert set(crane().frames) == {"base", "column", "cart", "hook", "lever"}
 
@@ -115,7 +115,7 @@ def test_chain_tip_not_connected_to_base_is_refused():
         Chain.from_joints([arm], "base", "hnad")
 
 
-def test_joint_range_may_be_single_value():
+def test_joint_limits_may_be_single_value():
     locked = planar(0.3, 0.2).with_limits([0.5, -1.0], [0.5, 1.0])
     assert locked.upper_rad.tolist() == [0.5, 1.0]
 

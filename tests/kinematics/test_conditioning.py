@@ -67,7 +67,7 @@ def test_stretched_arm_cannot_move_outwards():
     assert conditioning(planar(0.3, 0.2), [0.4, 0.0]).slowest_m_rad < 1e-12
 
 
-def test_arm_without_spare_joint_cannot_turn_about_its_tip():
+def test_arm_without_redundancy_cannot_turn_about_its_tip():
     found = conditioning(planar(0.3, 0.2), [0.4, 0.6])
     assert not found.turns_rad_rad.size
 
@@ -246,7 +246,7 @@ def test_singularity_is_found_although_joint_is_at_limit(mirrored):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_singularity_search_does_not_overshoot(side):
+def test_nearest_singularity_search_does_not_overshoot(side):
     lift, bend = side * 2.0, side * 1.8
     found = nearest_singularity(shoulder(0.2, 0.2), [0.5, lift, bend])
     above_the_column_rad = (abs(lift + bend / 2) - math.pi / 2) / math.hypot(1.0, 0.5)

@@ -212,7 +212,7 @@ def test_base_parameter_count_equals_pinocchio_rank(name):
     assert np.linalg.matrix_rank(found.reduce(Y), 1e-9 * np.linalg.norm(Y, 2)) == len(found.columns)
 
 
-def test_base_parameters_do_not_depend_on_seed(name):
+def test_base_parameters_do_not_depend_on_random_seed(name):
     first, second = (base_parameters(dynamics_of(name), seed=seed) for seed in (1, 2))
     np.testing.assert_array_equal(first.columns, second.columns)
 

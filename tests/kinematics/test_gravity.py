@@ -110,7 +110,7 @@ def test_higher_supply_voltage_reduces_sag():
     np.testing.assert_allclose(usual / strong, duty_nm[1] / duty_nm[0], rtol=0.01)
 
 
-def test_sag_of_joint_near_its_limit_ends_there():
+def test_sag_of_joint_near_its_limit_ends_at_limit():
     model = ikservo.load_model("so101")
     sag = sagging(model)
     lift = model.chain.names.index("shoulder_lift")

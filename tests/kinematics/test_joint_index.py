@@ -11,7 +11,7 @@ INDEX = JointIndex.from_names(NAMES, ("pan", "lift"), gripper="jaw")
 JOINTS = np.array([0.1, 0.2, 0.3, 0.4])
 
 
-def test_body_joints_are_chain_joints_then_gripper():
+def test_joint_index_lists_chain_joints_then_gripper():
     assert JointIndex(NAMES, chain=(1, 2), body=(1, 2, 0)) == INDEX
     assert JointIndex.from_names(NAMES, ("lift", "pan")) == JointIndex(NAMES, (2, 1), (2, 1))
 

@@ -57,7 +57,7 @@ def test_vector_check_refuses_wrong_shape(shape):
     assert str(shape) in caught.value.message
 
 
-def test_as_floats_accepts_any_shape_and_infinity():
+def test_float_conversion_accepts_any_shape_and_infinity():
     assert as_floats([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
 
 

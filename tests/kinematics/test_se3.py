@@ -56,7 +56,7 @@ def test_rotation_rpy_turns_about_fixed_axes_x_then_y_then_z():
 
 
 @given(rotation_vectors(), rotation_vectors())
-def test_skew_equals_cross_product(a, b):
+def test_skew_matrix_product_equals_cross_product(a, b):
     np.testing.assert_allclose(se3.skew(a) @ b, np.cross(a, b), atol=1e-12)
 
 

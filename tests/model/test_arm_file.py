@@ -20,7 +20,7 @@ def test_arm_file_has_name_and_tip(arm: ArmFile) -> None:
     assert (arm.name, arm.tip) == ("small", "tip")
 
 
-def test_urdf_path_is_beside_arm_file(arm: ArmFile, urdf_path: Path) -> None:
+def test_urdf_path_is_in_folder_of_arm_file(arm: ArmFile, urdf_path: Path) -> None:
     assert arm.urdf_path == urdf_path
 
 
@@ -28,7 +28,7 @@ def test_arm_file_bus_has_servo_family_and_baud_rate(arm: ArmFile) -> None:
     assert (arm.bus.family, arm.bus.baud) == ("dynamixel_2", 1_000_000)
 
 
-def test_speed_classes_of_arm_file_have_their_own_jerk(arm: ArmFile) -> None:
+def test_arm_file_speed_classes_have_their_own_jerk(arm: ArmFile) -> None:
     speeds = arm.speeds
     assert (speeds.slow.deg_s3, speeds.normal.deg_s3, speeds.fast.deg_s3) == (600, 1200, 2400)
 

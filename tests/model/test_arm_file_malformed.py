@@ -188,7 +188,7 @@ def test_urdf_symlink_out_of_folder_is_refused(
     assert refused(arm_path, arm_text).where == "urdf"
 
 
-def test_arm_name_in_catalogue_must_be_its_folder(
+def test_arm_name_in_catalogue_must_equal_its_folder(
     arm_path: Path, arm_text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(catalogue, "__file__", str(tmp_path / "ikservo/model/catalogue.py"))

@@ -65,6 +65,6 @@ def test_unknown_base_placement_words_are_refused(placed):
 
 
 @pytest.mark.parametrize("base", ["rotate 1e300", "raise inf", "left nan", "forward -1e9"])
-def test_base_placement_amount_out_of_range_is_refused(base):
+def test_base_placement_value_out_of_range_is_refused(base):
     with pytest.raises(BadValueError):
         parse_frame(base)

@@ -49,7 +49,7 @@ def test_arm_name_is_resolved_to_its_arm_file(folder: Path) -> None:
     assert find_arm("so101") == folder / "so101" / "arm.toml"
 
 
-def test_misspelled_arm_name_suggests_closest(folder: Path) -> None:
+def test_misspelled_arm_name_error_suggests_closest_name(folder: Path) -> None:
     with pytest.raises(UnknownNameError) as caught:
         find_arm("so1O1")
     assert caught.value.hint == "Did you mean so101? Known: koch, so101."
@@ -83,7 +83,7 @@ def test_catalogue_name_of_arm_is_its_folder_name(folder: Path) -> None:
     assert catalogue_name(find_arm("koch")) == "koch"
 
 
-def test_catalogue_name_works_for_relative_path(
+def test_catalogue_name_is_found_for_relative_path(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder / "so101")
@@ -145,7 +145,7 @@ def test_malicious_arm_name_does_not_open_a_file(
     assert opened == []
 
 
-def test_invalid_arm_name_is_not_looked_up_on_disk(
+def test_invalid_arm_name_is_refused_without_disk_access(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at: list[str] = []

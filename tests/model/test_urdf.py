@@ -62,34 +62,34 @@ def test_urdf_joint_origin_is_read(urdf: Urdf) -> None:
     assert (joint(urdf, "tool").xyz_m, joint(urdf, "tool").rpy_rad) == ((0, 0, 0.1), (0, 1.5, 0))
 
 
-def test_joint_without_origin_is_at_its_parent(urdf: Urdf) -> None:
+def test_urdf_joint_without_origin_is_at_its_parent(urdf: Urdf) -> None:
     assert (joint(urdf, "roll").xyz_m, joint(urdf, "roll").rpy_rad) == ((0, 0, 0), (0, 0, 0))
 
 
-def test_origin_without_rpy_has_no_rotation(urdf: Urdf) -> None:
+def test_urdf_origin_without_rpy_has_no_rotation(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").rpy_rad == (0, 0, 0)
 
 
-def test_origin_without_xyz_is_at_its_parent(urdf_path: Path, urdf_text: str) -> None:
+def test_urdf_origin_without_xyz_is_at_its_parent(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace('xyz="0 0 0.1" rpy="0 1.5 0"', 'rpy="0 1.5 0"'))
     tool = joint(read_urdf(urdf_path), "tool")
     assert (tool.xyz_m, tool.rpy_rad) == ((0, 0, 0), (0, 1.5, 0))
 
 
-def test_joint_axis_is_normalised(urdf: Urdf) -> None:
+def test_urdf_joint_axis_is_normalised(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").axis == pytest.approx((0, 0.6, 0.8), abs=1e-15)
 
 
-def test_joint_axis_of_huge_numbers_is_normalised(urdf_path: Path, urdf_text: str) -> None:
+def test_urdf_joint_axis_of_huge_numbers_is_normalised(urdf_path: Path, urdf_text: str) -> None:
     urdf_path.write_text(urdf_text.replace("0 3 4", "0 3e307 4e307"))
     assert joint(read_urdf(urdf_path), "elbow").axis == pytest.approx((0, 0.6, 0.8), abs=1e-15)
 
 
-def test_joint_without_axis_turns_about_x(urdf: Urdf) -> None:
+def test_urdf_joint_without_axis_turns_about_x(urdf: Urdf) -> None:
     assert joint(urdf, "roll").axis == (1, 0, 0)
 
 
-def test_fixed_joint_may_have_axis_of_zero_length(urdf: Urdf) -> None:
+def test_urdf_fixed_joint_may_have_axis_of_zero_length(urdf: Urdf) -> None:
     assert joint(urdf, "tool").kind is UrdfJointType.FIXED
 
 
@@ -135,11 +135,11 @@ def test_urdf_mimic_offset_is_zero_by_default(urdf: Urdf) -> None:
     assert joint(urdf, "other_finger").mimic == UrdfMimic("gripper", multiplier=-1, offset=0)
 
 
-def test_joint_of_urdf_has_its_line_number(urdf: Urdf) -> None:
+def test_urdf_joint_has_its_line_number(urdf: Urdf) -> None:
     assert joint(urdf, "elbow").line == 10
 
 
-def test_link_has_mass_and_centre_of_mass(urdf: Urdf) -> None:
+def test_urdf_link_has_mass_and_centre_of_mass(urdf: Urdf) -> None:
     assert (urdf.link("base").mass_kg, urdf.link("base").com_m) == (0.5, (0, 0, 0.05))
 
 
@@ -147,23 +147,23 @@ def test_urdf_inertia_order_is_xx_xy_xz_yy_yz_zz(urdf: Urdf) -> None:
     assert urdf.link("base").inertia_kg_m2 == (1e-3, 0, 0, 2e-3, 0, 3e-3)
 
 
-def test_link_without_inertial_has_no_mass(urdf: Urdf) -> None:
+def test_urdf_link_without_inertial_has_no_mass(urdf: Urdf) -> None:
     assert urdf.link("tip").mass_kg == 0
 
 
-def test_box_shape_has_its_edges(urdf: Urdf) -> None:
+def test_urdf_box_shape_has_its_edge_lengths(urdf: Urdf) -> None:
     assert urdf.link("base").collisions == (Box((0.1, 0.2, 0.3), (0, 0, 0), (0, 0, 0)),)
 
 
-def test_cylinder_shape_has_radius_length_and_origin(urdf: Urdf) -> None:
+def test_urdf_cylinder_shape_has_radius_length_and_origin(urdf: Urdf) -> None:
     assert urdf.link("upper").collisions == (Cylinder(0.02, 0.2, (0.1, 0, 0), (0, 0, 0)),)
 
 
-def test_sphere_shape_has_its_radius(urdf: Urdf) -> None:
+def test_urdf_sphere_shape_has_its_radius(urdf: Urdf) -> None:
     assert urdf.link("fore").collisions == (Sphere(0.03, (0, 0, 0), (0, 0, 0)),)
 
 
-def test_mesh_beside_urdf_has_its_path(urdf: Urdf, urdf_path: Path) -> None:
+def test_mesh_in_urdf_folder_has_its_path(urdf: Urdf, urdf_path: Path) -> None:
     (mesh,) = urdf.link("base").visuals
     assert isinstance(mesh, Mesh)
     assert mesh.path == urdf_path.parent.resolve() / "meshes" / "base.stl"

@@ -117,7 +117,7 @@ def test_circle_motion_keeps_tip_on_circle_and_joint_limits():
 
 
 @pytest.mark.parametrize("tool_speed_m_s", [0.01, 0.03])
-def test_tool_speed_is_constant_between_ramps(tool_speed_m_s):
+def test_tool_speed_on_arc_is_constant_between_ramps(tool_speed_m_s):
     motion = circle(tool_speed_m_s=tool_speed_m_s)
     times_s = np.linspace(0.0, motion.duration_s, 4001)
     tips = CHAIN.forward(np.array([motion.at(t) for t in times_s]))[:, :3, 3]

@@ -35,7 +35,7 @@ def test_joint_move_stays_between_start_and_goal(start, goal):
 
 @settings(max_examples=50, deadline=None)
 @given(joints, joints)
-def test_joint_move_starts_and_ends_exactly(start, goal):
+def test_joint_move_starts_and_ends_exactly_at_given_positions(start, goal):
     move = JointMove(start, goal, PACES)
     np.testing.assert_array_equal(move.at(-1.0), start)
     np.testing.assert_array_equal(move.at(1e9), goal)
@@ -179,7 +179,7 @@ class Failing:
         return self.result
 
 
-def test_stop_trajectory_has_all_attributes_of_joint_move():
+def test_stop_trajectory_has_same_attributes_as_joint_move():
     moving = TrajectoryPoint(np.zeros(2), np.array([0.8, -0.2]), np.zeros(2))
     stop = stop_trajectory(moving, PACES)
     assert vars(stop).keys() == vars(JointMove([0.0, 0.0], [1.0, 1.0], PACES)).keys()

@@ -69,7 +69,7 @@ def test_waypoint_trajectory_is_hardly_slower_than_with_stops(seed):
     assert route_of(seed).duration_s <= 1.15 * stopping
 
 
-def test_single_waypoint_is_reached_as_by_joint_move():
+def test_trajectory_to_single_waypoint_is_as_fast_as_joint_move():
     alike = [PACES[0]] * 3
     route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.5, -0.7]], alike, 0.1)
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], alike)

@@ -76,7 +76,7 @@ def test_online_trajectory_has_no_jump_at_new_goal(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_online_trajectory_rests_at_its_last_goal(seed):
+def test_online_trajectory_comes_to_rest_at_last_goal(seed):
     course, _, _ = chased(seed, ended=False)
     rest = course.state(course.settles_at_s)
     np.testing.assert_allclose(rest.position, course.goal, atol=1e-9)
@@ -98,7 +98,7 @@ def test_online_trajectory_without_goal_stays_at_rest():
     np.testing.assert_array_equal(course.state(5.0).position, [0.1, 0.2, 0.3])
 
 
-def test_online_goal_is_reached_as_fast_as_by_joint_move():
+def test_online_trajectory_is_as_fast_as_joint_move():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0.5, -0.7], 2.0)
     assert course.settles_at_s == pytest.approx(

@@ -136,7 +136,7 @@ def test_tool_line_with_end_orientation_reaches_it():
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
 
 
-def test_tool_line_with_end_orientation_turns_evenly():
+def test_tool_line_with_end_orientation_rotates_evenly():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])

@@ -54,7 +54,7 @@ def test_register_roles_are_declared_for_type_checkers():
 
 
 @every_table
-def test_register_name_is_table_attribute(table):
+def test_register_is_attribute_of_its_table(table):
     for name, register in table.registers.items():
         assert getattr(table, name) is register
 

@@ -72,7 +72,7 @@ def test_simulated_arm_with_torque_off_falls_to_end_stop() -> None:
     assert arm.motors["shoulder_lift"].position_rad == arm.motors["shoulder_lift"].upper_stop_rad
 
 
-def test_arm_holds_its_pose_with_torque_on() -> None:
+def test_simulated_arm_holds_its_pose_with_torque_on() -> None:
     arm = so101(DriveCommand(torque_on=True)).run(3.0)
     assert [m.position_rad for m in arm.motors.values()] == pytest.approx([0.0] * 6, abs=0.05)
     assert [m.velocity_rad_s for m in arm.motors.values()] == [0.0] * 6

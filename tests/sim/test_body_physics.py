@@ -111,7 +111,7 @@ def test_mujoco_rotor_rests_while_output_crosses_backlash(tmp_path: Path) -> Non
     assert lash == pytest.approx(position, abs=1e-6)
 
 
-def test_mujoco_and_own_dynamics_agree_on_rest_position() -> None:
+def test_mujoco_and_built_in_dynamics_agree_on_rest_position() -> None:
     states: list[list[tuple[float, float]]] = []
     for option in ("", "&physics=1"):
         port = open_port(f"sim:{CONFIGS}/so101/arm.toml?pose=home{option}")

@@ -160,7 +160,7 @@ def test_status_return_level_decides_which_requests_are_answered(make_port, leve
     assert tuple(bool(answers) for answers in asked) == answered
 
 
-def test_reply_waits_for_return_delay(make_port):
+def test_servo_reply_waits_for_return_delay(make_port):
     port = make_port("XL430-W250")
     port.line.servos[1].write("return_delay_time", 100)
     port.write(encode2(1, 0x01))
@@ -177,7 +177,7 @@ def test_back_to_back_packets_get_reply_only_to_first(make_port):
     assert len(port.read(14)) == 14
 
 
-def test_new_id_takes_effect_at_once(make_port):
+def test_new_servo_id_takes_effect_at_once(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 7, 42, 1)
     assert (ask(port, 1, 0x01), [a[0] for a in ask(port, 42, 0x01)]) == ([], [42])
@@ -228,7 +228,7 @@ def test_broadcast_factory_reset_of_everything_is_ignored(make_port):
     assert port.line.servos[42].read("id") == 42
 
 
-def test_clear_instruction_returns_position_to_one_turn(make_port):
+def test_clear_instruction_resets_position_to_one_turn(make_port):
     port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("operating_mode", 4)
@@ -265,7 +265,7 @@ def test_indirect_address_reads_and_writes_its_target(make_port):
     assert (port.line.servos[1].read("led"), read(port, 1, 224, 1)) == (1, [(1, 0, b"\x01")])
 
 
-def test_duplicate_ids_garble_ping_reply(make_port):
+def test_duplicate_ids_corrupt_ping_reply(make_port):
     port = make_port("XL430-W250", "XL330-M288", ids=(1, 1))
     assert ask(port, 1, 0x01) != [(1, 0, bytes((0x24, 0x04, 46)))]
 

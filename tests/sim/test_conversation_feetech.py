@@ -135,7 +135,7 @@ def test_unlocked_servo_is_locked_after_power_up(make_port):
     assert servo.read("lock") == 1
 
 
-def test_goal_beyond_limits_is_driven_to_limit(make_port):
+def test_sts_goal_beyond_limits_moves_servo_to_limit(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("max_position_limit", 2200)
@@ -241,7 +241,7 @@ def test_max_speed_limit_caps_goal_speed(make_port, goal_speed):
     assert servo.read("present_position") - first == pytest.approx(500, abs=15)
 
 
-def test_duplicate_ids_with_different_positions_garble_replies(make_port):
+def test_duplicate_ids_with_different_positions_corrupt_replies(make_port):
     port = make_port("STS3215", "STS3215", ids=(1, 1))
     port.line.world.place("servo_2", 0.7)
     assert ask(port, 1, 0x02, b"\x38\x02") != [(1, 0, b"\x00\x08")]

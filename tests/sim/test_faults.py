@@ -122,7 +122,7 @@ def test_overheating_fault_raises_alarm_and_switches_torque_off(make_port):
     assert (servo.read("status"), servo.drive.torque_on) == (0x04, False)
 
 
-def test_stuck_fault_blocks_shaft_for_its_time(make_port):
+def test_stuck_fault_blocks_shaft_for_configured_time(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     port.line.faults.add(Fault("stuck", for_s=0.5))

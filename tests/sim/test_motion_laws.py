@@ -70,7 +70,7 @@ def test_xl430_lags_profile_by_69_ticks_at_velocity_100(make_port):
     assert lag_at(make_port("XL430-W250"), 100) == pytest.approx(69, abs=14)
 
 
-def test_velocity_feed_forward_reduces_lag_by_its_register(make_port):
+def test_velocity_feed_forward_reduces_lag_by_register_value(make_port):
     without = lag_at(make_port("XL430-W250"), 100)
     some = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=500)
     more = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=1000)
@@ -79,7 +79,7 @@ def test_velocity_feed_forward_reduces_lag_by_its_register(make_port):
 
 
 @pytest.mark.parametrize(("model", "divisor"), [("XL330-M288", 256), ("XL430-W250", 128)])
-def test_p_gain_gives_duty_by_divisor_of_model(make_port, model, divisor):
+def test_p_gain_is_scaled_by_divisor_of_servo_model(make_port, model, divisor):
     servo = make_port(model).line.servos[1]
     servo.write("position_p_gain", 640)
     assert servo.drive.kp == pytest.approx(640 / divisor * (4096 / (2 * math.pi)) / 885)

@@ -195,7 +195,7 @@ def test_sag_without_friction_is_torque_over_stiffness(load_nm: float) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_dry_friction_changes_sag_by_no_more_than_itself(model: str) -> None:
+def test_dry_friction_changes_sag_by_at_most_its_torque(model: str) -> None:
     motor, supply_v = nominal(model)
     figures = motor.parameters
     drive, load_nm = DriveCommand(True, kp=5.3), -0.2 * figures.stall_torque_nm

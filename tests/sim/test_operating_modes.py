@@ -108,7 +108,7 @@ class TestDynamixelX:
         run(port, 2)
         assert servo.read("present_position") == pytest.approx(2500, abs=8)
 
-    def test_x_time_based_profile_takes_its_time(self, make_port):
+    def test_x_time_based_profile_takes_requested_duration(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 4)

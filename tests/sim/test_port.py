@@ -82,7 +82,7 @@ def test_closed_port_refuses_read(make_port):
         port.read(1)
 
 
-def test_request_sent_during_reply_garbles_it(make_port):
+def test_request_sent_during_reply_corrupts_reply(make_port):
     port = make_port("STS3215", "STS3215")
     port.write(PING)
     port.clock.sleep_until(80e-6)

@@ -64,7 +64,7 @@ def test_horn_of_geared_joint_turns_further_than_joint(tmp_path):
         assert abs(ticks) * math.tau / 4096 == pytest.approx(1.5 * 0.6, abs=0.015)
 
 
-def test_prismatic_joint_with_crank_starts_in_pose_and_moves(tmp_path):
+def test_cranked_prismatic_joint_starts_in_pose_and_moves(tmp_path):
     path = arm_with(
         tmp_path, "open_manipulator_x", "m_per_turn = ",
         "crank = { radius_m = 0.02, rod_m = 0.05, zero_deg = 90.0 } #",

@@ -23,7 +23,7 @@ def test_simulated_world_is_idle_when_all_servos_rest(make_port):
     assert port.line.world.is_idle
 
 
-def test_motor_crossing_its_backlash_reaches_its_goal(make_port):
+def test_simulated_motor_reaches_goal_across_backlash(make_port):
     port = make_port("STS3215")
     servo, goals = port.line.servos[1], random.Random(1)
     servo.write("torque_enable", 1)
@@ -238,7 +238,7 @@ def test_limp_arm_in_mujoco_comes_to_rest_on_floor(configs):
     assert math.isclose(speed, 0.0, abs_tol=0.05)
 
 
-def test_limp_arm_in_mujoco_becomes_idle(configs):
+def test_mujoco_world_of_limp_arm_becomes_idle(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
     port.clock.sleep_until(0.05)
     assert not port.line.world.is_idle
@@ -246,7 +246,7 @@ def test_limp_arm_in_mujoco_becomes_idle(configs):
     assert port.line.world.is_idle
 
 
-def test_joint_with_torque_off_is_not_thrown_out_of_contact(configs):
+def test_limp_joint_is_not_thrown_out_of_simulated_contact(configs):
     """A Koch arm stands in the table; only its shoulder, which can hardly lift it out, is limp."""
     port = servosim.open_port(f"sim:{configs}/koch/arm.toml?pose=home")
     world, run_s = port.line.world, 0.2

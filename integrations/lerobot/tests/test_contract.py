@@ -28,7 +28,7 @@ def described(module, name):
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)
-def test_stubs_have_the_abstract_members_of_lerobot(module, name):
+def test_lerobot_type_stubs_have_its_abstract_members(module, name):
     real = getattr(importlib.import_module(module), name)
     ours = described(module, name)
     assert real.__abstractmethods__ == ours.__abstractmethods__
@@ -41,7 +41,7 @@ def test_stubs_have_the_abstract_members_of_lerobot(module, name):
             )
 
 
-def test_lerobot_finds_all_three_types_by_the_name_of_the_distribution():
+def test_lerobot_finds_all_plugin_types_by_distribution_name():
     from lerobot.robots import RobotConfig
     from lerobot.teleoperators import TeleoperatorConfig
     from lerobot.utils.import_utils import register_third_party_plugins

@@ -81,7 +81,7 @@ def test_motion_waits_for_consent_of_a_person(asking):
     assert session.has_moved
 
 
-def test_refused_plan_never_moves(asking):
+def test_plan_refused_by_user_is_never_executed(asking):
     session, page = asking
     plan = session.plan(move_to={"position_m": NEAR})
     with executing(session, plan) as results:
@@ -92,7 +92,7 @@ def test_refused_plan_never_moves(asking):
     assert not session.has_moved
 
 
-def test_unanswered_plan_can_be_executed_later(asking, monkeypatch):
+def test_plan_without_answer_can_be_approved_later(asking, monkeypatch):
     session, page = asking
     monkeypatch.setattr("ikservo.apps.agent.mcp_server._CONSENT_WAIT_S", 0.2)
     plan = session.plan(move_to={"position_m": NEAR})
@@ -103,7 +103,7 @@ def test_unanswered_plan_can_be_executed_later(asking, monkeypatch):
     assert session.call("execute", plan_id=plan)["status"] == "done"
 
 
-def test_page_refuses_wrong_key_host_and_origin(asking):
+def test_consent_page_refuses_wrong_key_host_and_origin(asking):
     _, page = asking
     assert page.status("plans") == 200
     assert page.status("plans", authorization="Bearer x") == 401

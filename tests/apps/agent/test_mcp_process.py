@@ -170,7 +170,7 @@ def https_of(server):
     return *found.groups(), trusting
 
 
-def test_https_needs_key_host_and_origin(start):
+def test_mcp_over_https_requires_key_host_and_origin(start):
     server = start("--http-port", "0", port="sim:?pose=home", connect=False)
     address, key, trusting = https_of(server)
 

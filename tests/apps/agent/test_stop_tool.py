@@ -41,7 +41,7 @@ def test_stop_tool_latches_with_any_value_as_reason(simulated, reason):
     assert not simulated.has_moved
 
 
-def test_refusals_after_a_stop_do_not_name_python_methods(simulated):
+def test_agent_errors_after_stop_do_not_name_python_methods(simulated):
     assert simulated.call("gripper", to="open")["status"] == "done"
     assert simulated.call("where")["is_holding"]
     simulated.call("stop", reason="test")

@@ -14,7 +14,7 @@ from tests.arm.simulated import true_tip_m
 NEAR = [0.22, 0.04, 0.12]
 
 
-def test_every_tool_has_a_valid_schema_and_a_description(simulated):
+def test_every_mcp_tool_has_valid_schema_and_description(simulated):
     async def tools(client):
         return (await client.list_tools()).tools
 
@@ -30,7 +30,7 @@ def test_every_tool_has_a_valid_schema_and_a_description(simulated):
         assert each.description
 
 
-def test_plan_accepts_each_kind_of_motion_with_units(simulated):
+def test_plan_tool_accepts_each_kind_of_motion_with_units(simulated):
     async def schema(client):
         return next(t for t in (await client.list_tools()).tools if t.name == "plan").input_schema
 
@@ -49,7 +49,7 @@ def test_plan_accepts_each_kind_of_motion_with_units(simulated):
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_planned_motion_is_executed_once(simulated, mode):
+def test_agent_plan_can_be_executed_only_once(simulated, mode):
     async def move(client):
         planned = await client.call_tool("plan", {"motion": {"move_to": {"position_m": NEAR}}})
         assert not simulated.has_moved
@@ -159,7 +159,7 @@ def test_limits_set_by_owner_apply_to_every_agent_motion(open_session):
         assert session.audit.faults() == []
 
 
-def test_journal_names_call_consent_and_result(simulated):
+def test_agent_journal_records_call_consent_and_result(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("execute", plan_id=plan)
     text = "\n".join(read_journal(simulated.agent.journal.path))
@@ -174,7 +174,7 @@ def test_agent_moves_nothing_without_journal_entry(simulated, monkeypatch):
     assert not simulated.has_moved
 
 
-def test_plan_made_before_stop_is_never_executed(simulated):
+def test_agent_plan_made_before_stop_is_never_executed(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop")
     simulated.agent.acknowledge("a person")
@@ -182,7 +182,7 @@ def test_plan_made_before_stop_is_never_executed(simulated):
     assert not simulated.has_moved
 
 
-def test_call_cancelled_before_its_motion_begins_moves_nothing(simulated, monkeypatch):
+def test_agent_call_cancelled_before_motion_moves_nothing(simulated, monkeypatch):
     plan, write = simulated.plan(move_to={"position_m": NEAR}), simulated.agent.journal.write
 
     def cancelled(event, **values):
@@ -195,7 +195,7 @@ def test_call_cancelled_before_its_motion_begins_moves_nothing(simulated, monkey
     assert not simulated.has_moved
 
 
-def test_journal_names_the_client_and_is_private(simulated):
+def test_agent_journal_names_client_and_is_private(simulated):
     simulated.call("execute", plan_id=simulated.plan(move_to={"position_m": NEAR}))
     path = simulated.agent.journal.path
     (asked,) = (each for each in read_journal(path) if " asked " in each)
@@ -203,7 +203,7 @@ def test_journal_names_the_client_and_is_private(simulated):
     assert path.stat().st_mode & 0o077 == 0
 
 
-def test_program_is_refused_if_arm_has_left_its_start(simulated):
+def test_agent_program_is_refused_if_arm_has_moved_since(simulated):
     text = f'format = 1\narm = "so101"\n[[steps]]\ntip_m = {NEAR}\n'
     checked = simulated.call("program_check", text=text)["plan"]["plan_id"]
     moved = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.5}})

@@ -74,7 +74,7 @@ def file_of(home, name="planar2"):
     return home / "arms" / f"{name}-58FA083.toml"
 
 
-def test_calibration_dialogue_ends_with_saved_file(mount_arm, run_cli, home):
+def test_calibration_dialogue_saves_calibration_file(mount_arm, run_cli, home):
     done = calibrated(mount_arm(), run_cli)
     assert done.out == f"Saved to {file_of(home)}\n"
     calibration = read_calibration(file_of(home))
@@ -126,7 +126,7 @@ def test_changes_from_previous_calibration_are_shown(mount_arm, run_cli, home):
 
 
 @pytest.mark.full
-def test_damaged_calibration_file_is_announced_as_replaced(mount_arm, run_cli, home):
+def test_calibrate_says_that_it_replaces_damaged_file(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     text = file_of(home).read_text()
@@ -233,7 +233,7 @@ def test_calibrate_asks_before_it_switches_torque_off(mount_arm, run_cli, home):
     assert arm.register(1, "torque_enable") == 1
 
 
-def test_unknown_pose_error_lists_known_poses(mount_arm, run_cli):
+def test_unknown_pose_error_of_calibrate_lists_known_poses(mount_arm, run_cli):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose folded --yes")
     assert done.code == 2
     assert "home, rest, zero" in done.err
@@ -258,7 +258,7 @@ def test_uncalibrated_arm_refuses_tip_move_on_real_port(mount_arm, run_cli):
     assert "ikservo calibrate planar2" in done.err
 
 
-def test_uncalibrated_arm_takes_only_small_confirmed_steps(mount_arm, run_cli):
+def test_uncalibrated_arm_allows_only_small_confirmed_steps(mount_arm, run_cli):
     arm = mount_arm(zero=2048, sign=1)
     words = f"joints joint1={{}} --arm planar2 --port {PORT} --no-collision"
     here = math.degrees(arm.true_position("joint1"))
@@ -370,7 +370,9 @@ def test_calibration_pull_refuses_other_count_direction(
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("action", ["push", "pull"])
 @pytest.mark.parametrize("other", [{"id": 7}, {"model": "STS3250"}], ids=str)
-def test_push_and_pull_refuse_file_of_other_servos(mount_arm, run_cli, home, action, other):
+def test_calibration_push_and_pull_refuse_file_of_other_servos(
+    mount_arm, run_cli, home, action, other
+):
     calibrated(mount_arm(), run_cli)
     calibration = read_calibration(file_of(home))
     first, second = calibration.joints

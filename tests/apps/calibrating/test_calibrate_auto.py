@@ -112,7 +112,7 @@ def test_obstacle_before_end_stop_is_refused_and_not_saved(arm, narrow, run_cli)
 
 
 @pytest.mark.full
-def test_joints_measured_before_failure_are_kept_for_next_run(arm, narrow, run_cli):
+def test_joints_calibrated_before_failure_are_kept_for_next_run(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.1, 0.436)
     assert "Measured and kept for the next run: joint2." in auto(run_cli, narrow).err
     set_stops(arm, "joint1", -0.436, 0.436)
@@ -214,7 +214,7 @@ def killed(arm, narrow, run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_killed_search_is_reported_while_torque_is_on(arm, narrow, run_cli, killed):
+def test_killed_end_stop_search_is_reported_while_torque_is_on(arm, narrow, run_cli, killed):
     where = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
     assert (where.code, "ikservo calibration revert" in where.err) == (6, True), where.err
     doctor = run_cli(f"doctor --arm {narrow} --port {PORT}")
@@ -226,7 +226,7 @@ def test_killed_search_is_reported_while_torque_is_on(arm, narrow, run_cli, kill
 
 
 @pytest.mark.full
-def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
+def test_killed_end_stop_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
     relaxed = run_cli(f"relax --arm {narrow} --port {PORT} --yes")
     assert not any(servo.drive.torque_on for servo in arm.line.servos.values()), relaxed.err
     done = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
@@ -235,7 +235,9 @@ def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
 
 
 @pytest.mark.campaign
-def test_killed_search_is_cleared_by_next_calibration(arm, narrow, run_cli, killed, monkeypatch):
+def test_killed_end_stop_search_is_cleared_by_calibration(
+    arm, narrow, run_cli, killed, monkeypatch
+):
     back_to_the_pose(arm)
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
@@ -375,7 +377,7 @@ def stopped_there(_):
 
 
 @pytest.mark.full
-def test_auto_calibration_without_room_suggests_another_pose(monkeypatch, run_cli):
+def test_auto_calibration_in_tight_pose_suggests_another_pose(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.maintenance.direction_check.plan_clearance", lambda *_: None)
     done = limp(run_cli, "so100")
     assert done.code == 8

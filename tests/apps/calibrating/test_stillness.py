@@ -14,24 +14,24 @@ def after(readings):
 
 
 @pytest.mark.parametrize(("until_s", "still"), [(0.25, False), (0.375, False), (0.5, True)])
-def test_arm_is_still_after_half_a_second(until_s, still):
+def test_arm_counts_as_at_rest_after_half_a_second(until_s, still):
     times = [0.125 * k for k in range(1 + int(until_s / 0.125))]
     assert after([(at_s, 7, 9) for at_s in times]).is_at_rest() is still
 
 
 @pytest.mark.parametrize(("step_s", "still"), [(0.164, False), (0.168, True)])
-def test_arm_is_still_after_half_second_at_any_start_time(step_s, still):
+def test_rest_detection_does_not_depend_on_clock_start(step_s, still):
     assert after([(9.0 + step_s * k, 7, 9) for k in range(4)]).is_at_rest() is still
 
 
-def test_stillness_needs_three_readings():
+def test_rest_detection_needs_three_readings():
     assert not after([(0.0, 7, 9), (0.5, 7, 9)]).is_at_rest()
     assert after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).is_at_rest()
 
 
 @pytest.mark.parametrize(("most", "still"), [(4, True), (5, False)])
 @pytest.mark.parametrize("servo", [1, 2])
-def test_servo_trembling_by_four_ticks_is_at_rest(most, still, servo):
+def test_servo_vibrating_by_four_ticks_is_at_rest(most, still, servo):
     ticks = [(0, most)[k % 2] for k in range(5)]
     rows = [(0.125 * k, *((t, 0) if servo == 1 else (0, t))) for k, t in enumerate(ticks)]
     assert after(rows).is_at_rest() is still

@@ -104,7 +104,7 @@ def test_picture_without_usable_board_is_refused_with_reason(camera, spoil, mess
         find_board(BOARD, spoil(camera.take()))
 
 
-def test_error_says_picture_shows_another_board(camera):
+def test_picture_of_another_board_is_refused(camera):
     with pytest.raises(CalibrationError, match=r"a board other than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())
 

@@ -25,7 +25,7 @@ def arm(tmp_path, monkeypatch):
         yield arm
 
 
-def test_table_point_and_pixel_convert_both_ways(arm):
+def test_table_point_and_pixel_are_converted_both_ways(arm):
     for point in ([0.25, 0.05, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.04]):
         u, v = arm.camera.pixel(point)
         found = arm.camera.point_on_table(u, v, height_m=point[2])

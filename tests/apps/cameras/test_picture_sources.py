@@ -90,7 +90,7 @@ def test_picture_file_can_be_read_repeatedly(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("content", [b"hello", b"\x89PNG\r\n\x1a\nxx"])
-def test_damaged_picture_file_is_not_called_an_unplugged_camera(tmp_path, content):
+def test_damaged_picture_file_is_not_reported_as_unplugged(tmp_path, content):
     pytest.importorskip("cv2")
     from ikservo.apps.cameras.board_detection import LiveCamera
 

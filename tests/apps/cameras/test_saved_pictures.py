@@ -29,7 +29,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_saved_pictures_repeat_calibration_and_report_damage(tmp_path, monkeypatch, run_cli):
+def test_camera_calibration_is_repeated_from_saved_pictures(tmp_path, monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
     person = Person(arm, camera)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: person)

@@ -214,7 +214,7 @@ def test_tip_click_is_refused_after_calibration_has_changed(mistaken, opened):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_tip_zero_does_not_overwrite_newer_calibration(mistaken, opened):
+def test_tip_click_does_not_overwrite_newer_calibration(mistaken, opened):
     found = click(opened, tip_pixel(*mistaken))
     known = load_calibration(ARM, SERIAL)
     other = known.model_copy(update={"written": known.written + timedelta(seconds=1)})

@@ -104,7 +104,7 @@ def test_arm_without_gripper_cannot_pick():
         find_jaws(load_model("planar3"))
 
 
-def test_gripper_shapes_without_space_between_jaws_are_refused(monkeypatch):
+def test_gripper_without_space_between_jaws_is_refused(monkeypatch):
     thick = [replace(each, radius_m=0.3) for each in jaws.capsules_of(load_model("so101"))]
     monkeypatch.setattr(jaws, "capsules_of", lambda _: thick)
     with pytest.raises(IkservoError, match="width of the gripper of so101 is not known"):

@@ -41,7 +41,7 @@ def found():
     return identify(DYNAMICS, PRIORS, recorded())
 
 
-def test_gravity_columns_sum_to_gravity_torques():
+def test_gravity_regressor_columns_sum_to_gravity_torques():
     q = np.random.default_rng(0).uniform(-1, 1, (5, DOF))
     columns = gravity_columns(DYNAMICS, q)
     assert columns.sum(axis=2) == pytest.approx(DYNAMICS.with_payload(1.0).gravity_torques(q))
@@ -100,7 +100,7 @@ def test_joint_keeps_nominal_parameters_if_fit_is_not_better():
 
 @pytest.mark.parametrize("kt_error", [-0.05, 0.0, 0.05])
 @pytest.mark.parametrize("backlash_rad", [0.003, 0.03])
-def test_backlash_is_motor_travel_beyond_joint_travel(backlash_rad, kt_error):
+def test_backlash_is_motor_travel_minus_joint_travel(backlash_rad, kt_error):
     true, recording = Drive(), swing(Drive(), backlash_rad)
     recording = sign_currents(replace(recording, current_a=np.abs(recording.current_a)), PRIORS[:2])
     kt = true.kt * (1.0 + kt_error)
@@ -192,7 +192,7 @@ def test_identified_mass_of_first_body_is_the_most_uncertain(found):
 
 
 @pytest.mark.full
-def test_standard_errors_cover_true_payload():
+def test_true_payload_lies_within_standard_errors():
     """In seven of eight recordings the true payload is within two standard errors."""
     inside = 0
     for seed in range(8):
@@ -207,7 +207,7 @@ def test_identified_parameters_are_never_negative():
     assert all(estimate.value >= 0.0 for estimate in found.estimates.values())
 
 
-def test_error_names_joint_that_did_not_move():
+def test_identification_error_names_joint_that_did_not_move():
     with pytest.raises(CalibrationError, match=DYNAMICS.chain.names[2]):
         identify(DYNAMICS, PRIORS, recorded(dead=(2,)))
 

@@ -43,7 +43,7 @@ def test_short_excitation_identifies_hidden_masses_and_payload():
 
 
 @pytest.mark.full
-def test_excitation_starts_at_reference_despite_leading_goals():
+def test_excitation_starts_at_reference_not_at_leading_goal():
     with ikservo.open_arm("so101", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)
         run.go_to_start()

@@ -65,7 +65,7 @@ def test_identify_reports_and_saves_parameters(identified, home):
 
 
 @pytest.mark.full
-def test_arm_parameters_follow_identified_file(home):
+def test_arm_parameters_are_read_from_identification_file(home):
     found = load_identified(ARM, "sim")
     own = identified_parameters(MODEL, MODEL.chain, found)
     usual = nominal_parameters(MODEL, MODEL.chain)

@@ -62,7 +62,7 @@ def test_pose_drift_is_largest_change_since_start():
     assert largest_drift([0.3, 0.4, 0.1, 0.2]) == pytest.approx(0.2)
 
 
-def test_path_crossings_are_interpolated_in_normal_planes():
+def test_iso_9283_path_points_are_interpolated_in_normal_planes():
     measured = np.array([[-1.0, 2.0, 0.0], [1.0, 4.0, 0.0], [3.0, 4.0, 0.0]])
     found = path_crossings(measured, [[0.0, 0, 0], [2.0, 0, 0]], [[1.0, 0, 0], [1.0, 0, 0]])
     np.testing.assert_allclose(found, [[0.0, 3.0, 0.0], [2.0, 4.0, 0.0]])

@@ -46,7 +46,7 @@ def test_sine_response_of_first_order_lag_matches_formula(from_hz, to_hz):
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.1, 0.2])
-def test_sine_delay_is_phase_lag_beyond_half_turn(late_s):
+def test_sine_delay_is_right_for_phase_lag_above_180_deg(late_s):
     def follow(goal, step_s):
         late = round(late_s / step_s)
         return np.concatenate([np.full(late, goal[0]), goal])[: len(goal)]

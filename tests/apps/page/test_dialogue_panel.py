@@ -81,14 +81,14 @@ def test_xacro_on_page_runs_only_with_consent(panel, tmp_path):
 
 
 @pytest.mark.parametrize("source", ["/dev/zero", "nothing.urdf", ".."])
-def test_invalid_description_on_page_gives_one_sentence(panel, source):
+def test_invalid_arm_description_on_page_gives_one_sentence(panel, source):
     start(panel, source=source)
     wait_for(panel, ended)
     assert panel.fields()["error"].endswith(".")
 
 
 @pytest.mark.full
-def test_leaving_new_arm_dialogue_writes_nothing(panel, tmp_path):
+def test_cancelled_new_arm_dialogue_writes_nothing(panel, tmp_path):
     start(panel, source=CONFIGS / "so101" / "arm.urdf")
     wait_for(panel, asked("tip"))
     panel.close()
@@ -125,7 +125,7 @@ def test_page_on_other_machine_cannot_import_server_files(tmp_path):
     assert not panel.is_running
 
 
-def test_check_on_page_of_healthy_arm_reports_no_faults(panel):
+def test_arm_check_on_page_reports_no_faults_of_healthy_arm(panel):
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))
     wait_for(panel, ended)
     assert panel.fields()["result"] == "No faults found."
@@ -138,7 +138,7 @@ def test_servo_search_on_page_names_arms_that_match(panel):
     assert "✓ arm: these are the servos of so100, so101." in panel.fields()["lines"]
 
 
-def test_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
+def test_arm_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "silent"\nid = 3\n')
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", f"sim:?faults={faults}"))

@@ -89,7 +89,7 @@ def test_history_of_moving_arm_is_downloaded_with_goals():
         assert "download" not in session.latest_frames()
 
 
-def test_stop_history_exists_only_after_stop():
+def test_plot_of_stop_is_available_only_after_a_stop():
     with ViewSession() as session:
         with pytest.raises(BadMessageError, match="Nothing has stopped"):
             session.send_message(msg.SaveHistory, stopped=True)

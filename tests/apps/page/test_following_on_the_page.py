@@ -88,7 +88,7 @@ def test_follower_follows_hand_guided_leader_and_shows_lag(pair):
 
 
 @pytest.mark.full
-def test_refused_follow_target_is_reported_and_last_goal_kept(pair, monkeypatch):
+def test_refused_leader_position_is_reported_and_last_goal_kept(pair, monkeypatch):
     def refuse(*_):
         raise RefusedError("The cup is in the way.")
 
@@ -144,7 +144,7 @@ def test_fault_of_leader_or_follower_ends_following(pair, fault, reported, leade
         assert registers(pair.follower.arm_thread.arm, "goal_position") == goals
 
 
-def test_leader_that_holds_or_is_missing_is_refused(pair):
+def test_leader_that_is_missing_or_has_torque_on_is_refused(pair):
     pair.leader.arm_thread.arm.enable()
     until(lambda: all(state.torque for state in pair.leader.arm_thread.snapshot.states))
     for name, why in [

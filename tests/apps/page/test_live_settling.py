@@ -115,7 +115,7 @@ def test_refused_target_after_settling_is_reported_once(koch):
 
 
 @pytest.mark.full
-def test_live_page_shows_remaining_error_in_mm(koch):
+def test_page_in_live_mode_shows_remaining_error_in_mm(koch):
     koch.run_until(lambda: koch.settled)
     koch.send_message(page_messages.SetLive, on=True)
     koch.click(*CLICKS["koch"])

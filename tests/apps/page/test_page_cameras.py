@@ -131,7 +131,7 @@ def test_unknown_camera_of_one_arm_is_shown_as_its_error(
 
 
 @pytest.mark.parametrize("stored", ["rtsp://…@cam/1", "rtsp://admin:older@cam/1"])
-def test_camera_with_password_is_known_by_its_public_name(arm, stored):
+def test_camera_name_on_page_does_not_contain_password(arm, stored):
     save_simulated_camera(arm, source=stored)
     given = "rtsp://admin:swordfish@cam/1"
     with PageCameras(RealClock(), ["0", given]) as cameras, ExitStack() as exits:

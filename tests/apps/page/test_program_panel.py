@@ -246,7 +246,7 @@ def test_program_whose_called_program_is_missing_can_be_edited(session, own_fold
     session.send_message(msg.ProgramFile, action="new")
 
 
-def test_single_step_runs_a_whole_called_program(session, own_folder):
+def test_single_step_command_runs_whole_called_program(session, own_folder):
     save_program(own_folder, {"wait_s": 0.01}, {"wait_s": 0.01})
     (own_folder / "parts.toml").rename(own_folder / "inner.toml")
     save_program(own_folder, {"program": "inner.toml"}, {"wait_s": 0.01, "only_if": "grasped"},
@@ -333,7 +333,7 @@ def test_saved_program_is_read_by_command_and_loaded_unchanged(session, own_fold
     assert panel(session).fields()["names"] == ["tea"]
 
 
-def test_bad_program_files_and_steps_are_refused(session, own_folder):
+def test_invalid_program_files_and_steps_are_refused_on_page(session, own_folder):
     kept = add(session, "wait")
     own_folder.mkdir()
     (own_folder / "broken.toml").write_text('format = 1\narm = "so101"\n[[steps]]\nwait_s = -1.0\n')

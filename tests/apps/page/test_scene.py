@@ -113,7 +113,7 @@ def test_malformed_scene_error_names_key(scene, text, where):
         read_scene(scene(text))
 
 
-def test_scene_direction_without_length_is_refused(scene):
+def test_scene_direction_vector_of_zero_length_is_refused(scene):
     with pytest.raises(BadValueError, match="the wall"):
         read_scene(scene(SCENE.replace("[2, 0, 0]", "[0, 0, 0]")))
 

@@ -93,7 +93,7 @@ def test_servos_without_arm_file_are_found_and_get_new_id(line, transport):
     assert {row["id"] for row in moved["servos"]} <= {1, 9}
 
 
-def test_servo_search_can_be_closed_at_once(monkeypatch, transport):
+def test_servo_search_on_page_can_be_cancelled_at_once(monkeypatch, transport):
     transport.line.servos.clear()
     session = opened(None, "/dev/ttyUSB7")
     session.until("line", lambda frame: frame["done"] is not None)
@@ -157,7 +157,7 @@ def test_invalid_servo_commands_on_page_show_a_note(session):
         {"kind": "write_register", "joint": "../x", "name": "p_gain", "value": "1"},
     ],
 )
-def test_foreign_or_malformed_bench_message_is_refused(words):
+def test_foreign_or_malformed_servo_page_message_is_refused(words):
     with pytest.raises(BadMessageError):
         read_bench_message(json.dumps({"seq": 1, "seen": 0, **words}))
 
@@ -295,7 +295,7 @@ def test_end_of_gain_trial_restores_former_gains(monkeypatch, end):
     assert servo.memory.get("p_gain") == 32
 
 
-def test_joint_is_found_at_its_new_servo_id(session):
+def test_servo_page_finds_joint_at_its_new_servo_id(session):
     session.act("move", joint="elbow_flex", address=(9, 1_000_000))
     session.note("Change id 3 in the arm file")
     session.send("read_servo", joint="elbow_flex")

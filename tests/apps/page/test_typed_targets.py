@@ -68,7 +68,7 @@ def test_impossible_typed_target_is_refused(session, message, fields, words):
     assert session.interaction.goal is goal
 
 
-def test_joint_steps_end_at_joint_limit(session):
+def test_joint_step_buttons_stop_at_joint_limit(session):
     session.send_message(page_messages.SetJoint, joint="elbow_flex", value=90.0)
     session.send_message(page_messages.JogJoint, joint="elbow_flex", step=5.0)
     assert math.degrees(goal_of(session, "elbow_flex")) == pytest.approx(95.0)
@@ -80,7 +80,7 @@ def test_joint_steps_end_at_joint_limit(session):
 
 
 @pytest.mark.full
-def test_tool_steps_move_tip_along_one_axis(session):
+def test_tool_step_buttons_move_tip_along_one_axis(session):
     before_m = true_tip_m(session.arm)
     session.enable_live()
     for _ in range(4):
@@ -132,7 +132,7 @@ def test_torque_cannot_be_switched_in_live_mode_or_after_stop(session):
     assert all(registers(session.arm, "torque_enable").values())
 
 
-def test_gripper_preview_opens_fully_and_shows_ghost(session):
+def test_gripper_preview_opens_fully_and_is_drawn(session):
     for _ in range(40):
         session.clock.sleep_until(session.clock.now_s() + 0.05)
         session.send_message(page_messages.Gamepad, axes=[0, 0, 0, 0], grip=-1.0)

@@ -143,7 +143,7 @@ def test_missing_camera_is_refused(source):
         VideoSource(source, RealClock())
 
 
-def test_camera_name_hides_secrets_of_its_address():
+def test_camera_name_omits_secrets_of_its_address():
     source = VideoSource("http://user:secret@cam.lan:8080/video?key=secret", RealClock())
     assert source.name == "…@cam.lan:8080/video?…"
     assert VideoSource("http://[cam", RealClock()).name == "…"

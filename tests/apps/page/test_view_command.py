@@ -29,7 +29,7 @@ def served(*options):
 
 
 @pytest.mark.full
-def test_the_page_is_served_until_ctrl_c():
+def test_view_command_serves_page_until_ctrl_c():
     serving = served()
     try:
         url = serving.stdout.readline().strip()
@@ -45,7 +45,7 @@ def test_the_page_is_served_until_ctrl_c():
     )  # fmt: skip
 
 
-def test_view_without_extra_says_what_to_install(run_cli, monkeypatch):
+def test_view_command_without_packages_says_what_to_install(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.view_command.find_spec", lambda name: None)
     result = run_cli("view --port sim")
     assert result.code == 2

@@ -170,14 +170,14 @@ def test_click_on_empty_space_moves_tip_there_at_its_depth(view):
     assert depth_m == pytest.approx(view_state.camera.depth_of(tip))
 
 
-def test_press_on_base_counts_as_empty_space():
+def test_press_on_base_link_counts_as_empty_space():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "base", (0.0, 0.0, 0.01))
     assert drag.press(px, view_state).target.frame is None
     assert drag_of("so101").hover(px, view_state) is None
 
 
-def test_click_may_change_posture_but_drag_may_not():
+def test_press_counts_as_click_until_pointer_moves():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     assert drag.press(EMPTY_PX, view_state).is_click
     assert not drag.move(EMPTY_PX + 5.0).is_click
@@ -259,14 +259,14 @@ def path_outside(name, turns=1.0, frames=400):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_pointer_out_of_reach_is_followed_without_jump(name):
+def test_drag_follows_pointer_out_of_reach_without_jump(name):
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
     assert np.abs(np.diff(goals, axis=0)).max() <= MAX_STEP_RAD + 1e-12
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_pointer_out_of_reach_is_followed_without_chatter(name):
+def test_drag_follows_pointer_out_of_reach_without_chatter(name):
     """A joint reverses where it meets a limit, and not repeatedly."""
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
@@ -283,7 +283,7 @@ def test_arm_rests_while_pointer_rests_out_of_reach(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_pointer_out_of_reach_gets_nearest_reachable_point(name):
+def test_pointer_out_of_reach_moves_tip_to_nearest_point(name):
     chain, random = model_of(name).chain, np.random.default_rng(11)
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, [*path[:200], *([path[200]] * 60)], view_state.arms[0])
@@ -378,7 +378,7 @@ def test_shift_press_on_empty_space_does_nothing():
 
 
 @pytest.mark.parametrize("notches", [1.0, -3.0])
-def test_wheel_notch_turns_joint_under_pointer_by_1_degree(notches):
+def test_mouse_wheel_notch_turns_joint_under_pointer_by_1_deg(notches):
     view_state = sight("so101", "side")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     command = drag_of("so101").wheel(px, notches, view_state)
@@ -386,24 +386,24 @@ def test_wheel_notch_turns_joint_under_pointer_by_1_degree(notches):
     assert command.position == pytest.approx(view_state.arms[0][2] + notches * math.radians(1.0))
 
 
-def test_wheel_with_alt_turns_joint_by_0_1_degree():
+def test_mouse_wheel_with_alt_key_turns_joint_by_0_1_degree():
     view_state = sight("so101", "side")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     command = drag_of("so101").wheel(px, 1.0, view_state, fine=True)
     assert command.position == pytest.approx(view_state.arms[0][2] + math.radians(0.1))
 
 
-def test_wheel_over_empty_space_does_nothing():
+def test_mouse_wheel_over_empty_space_does_nothing():
     assert drag_of("so101").wheel(EMPTY_PX, 1.0, sight("so101", "side")) is None
 
 
-def test_wheel_over_hub_of_joint_turns_that_joint():
+def test_mouse_wheel_over_joint_hub_turns_that_joint():
     view_state = sight("so101", "side")
     wrist = pixel_of("so101", "side", view_state.arms[0], "wrist")
     assert drag_of("so101").wheel(wrist, 1.0, view_state).joint == "wrist_flex"
 
 
-def test_wheel_moves_sliding_joint_by_1_mm():
+def test_mouse_wheel_moves_sliding_joint_by_1_mm():
     chain, q = crane(), np.array([0.3, 0.2])
     view_state = PointerContext(looked_at("so101", "orbit"), (q,))
     px = view_state.camera.project(chain.forward(q, "cart")[:3, 3])[0]
@@ -445,7 +445,7 @@ def test_arrow_key_continues_from_clicked_target():
     )
 
 
-def test_arrow_key_starts_at_tip_after_wheel():
+def test_arrow_key_after_mouse_wheel_starts_at_tip():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     drag.release()
@@ -466,7 +466,7 @@ def test_escape_or_space_ends_a_drag_and_holds_the_arm(key):
     assert not drag.is_busy
 
 
-def test_drag_ignores_keys_without_a_function():
+def test_drag_ignores_keys_without_assigned_function():
     assert drag_of("so101").on_key("a", sight("so101", "side")) is None
 
 
@@ -693,7 +693,7 @@ def with_a_cup(view):
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
-def test_box_is_picked_by_name_where_ray_meets_it(view):
+def test_box_is_picked_at_point_where_ray_meets_it(view):
     drag, view_state, px = with_a_cup(view)
     found = next(f for f in drag.candidates_under(px, view_state)[0] if f and f.kind == "object")
     assert found.hit.link == "the cup"
@@ -705,7 +705,7 @@ def test_box_is_picked_by_name_where_ray_meets_it(view):
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
-def test_dragged_box_moves_level_under_pointer(view):
+def test_dragged_box_moves_horizontally_with_pointer(view):
     drag, view_state, px = with_a_cup(view)
     assert drag.press(px, view_state) is None
     assert not drag.moved_thing.shift_m.any()

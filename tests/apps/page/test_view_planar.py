@@ -36,7 +36,7 @@ def test_planar_arm_is_as_long_as_its_links(lengths_m):
     assert chain.forward(np.zeros(chain.dof))[0, 3] == pytest.approx(sum(lengths_m))
 
 
-def test_planar_tip_is_sum_of_turned_links():
+def test_planar_tip_is_sum_of_rotated_links():
     angles = np.cumsum(START)
     expected = np.array(LENGTHS_M) @ np.column_stack([np.cos(angles), np.sin(angles)])
     np.testing.assert_allclose(MODEL.chain.forward(START)[:2, 3], expected, atol=1e-12)

@@ -87,7 +87,7 @@ def test_link_shapes_have_colours_of_urdf():
     assert servo["colour"] == (0.12, 0.12, 0.13)
 
 
-def test_every_scene_key_is_documented_in_protocol(session):
+def test_every_scene_message_key_is_documented_in_protocol(session):
     page = Path(__file__).parents[3].joinpath("tools/pages/formats.py").read_text("utf-8")
     graph = graph_of(model_of("so101")).description
     scene = session.latest_frames()["scene"]
@@ -213,7 +213,7 @@ def test_scene_graph_contains_table_height():
     assert graph_of(replace(load_model("so101"), floor_m=-0.02)).description["floor"] == -0.02
 
 
-def test_keep_out_box_is_described_for_drawing():
+def test_keep_out_box_is_in_scene_graph_for_drawing():
     fields = thing_fields(KeepOutBox("shelf", (0.2, 0.1, 0.0), (0.3, 0.2, 0.4)))
     assert (fields["name"], fields["shape"], fields["drawn"]) == ("shelf", "box", True)
     np.testing.assert_allclose(fields["half"], (0.05, 0.05, 0.2))

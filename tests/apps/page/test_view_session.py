@@ -207,7 +207,7 @@ def test_stop_right_after_acknowledgement_is_latched(session):
     assert session.latest_frames()["status"]["mode"] == "stopped"
 
 
-def test_error_in_arm_thread_is_shown_on_banner(session):
+def test_error_in_arm_thread_is_shown_on_page_banner(session):
     def fail():
         raise ZeroDivisionError
 
@@ -482,7 +482,7 @@ def test_taking_control_ends_live_mode(session):
     assert session.latest_frames(other)["status"]["controller"] == "you"
 
 
-def test_next_page_in_control_starts_at_slow_speed(session):
+def test_page_that_takes_control_starts_at_slow_speed(session):
     session.enable_live()
     session.controller.disconnect(session.client)
     assert session.latest_frames(session.connect())["status"]["speed"] == "slow"
@@ -513,7 +513,7 @@ def test_unchanged_scene_is_not_sent_to_page_again(session):
     assert [frame["kind"] for frame in session.controller.frames(session.client)] == []
 
 
-def test_wheel_moves_goal_by_one_degree_per_notch(session):
+def test_mouse_wheel_moves_goal_by_one_degree_per_notch(session):
     x, y = pixel_of_hub(session, "elbow_flex")
     session.send_message(page_messages.Wheel, x=x, y=y, notches=3)
     turned = session.interaction.goal - session.arm_thread.snapshot.measured

@@ -163,7 +163,7 @@ def test_fleet_stop_names_silent_machine_and_stops_others(served, run, monkeypat
     assert ([arm["arm"] for arm in found["arms"]], len(found["errors"])) == (["so101"], 1)
 
 
-def test_stop_of_hanging_server_is_tried_3_times_and_unconfirmed(served, run, monkeypatch):
+def test_stop_of_unresponsive_server_is_tried_3_times(served, run, monkeypatch):
     asked, goes_on = [], threading.Event()
     answer = served.server.service.stop
 
@@ -194,7 +194,7 @@ def test_stop_by_address_does_not_need_arm_name(served, run):
     assert served.arm.stop_reason is not None
 
 
-def test_fleet_lists_arms_and_unreachable_machines(served, run, monkeypatch):
+def test_fleet_command_lists_arms_and_unreachable_machines(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     dead = find_free_port()
     code, out, _ = run("fleet", f"127.0.0.1:{served.port}", f"127.0.0.1:{dead}", "--json")
@@ -205,14 +205,14 @@ def test_fleet_lists_arms_and_unreachable_machines(served, run, monkeypatch):
     assert there["error"]
 
 
-def test_fleet_shows_whole_stop_reason_in_narrow_terminal(served, run, monkeypatch):
+def test_fleet_command_shows_whole_stop_reason_in_80_columns(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.cli.terminal.terminal_width", lambda _: 80)
     served.arm.stop("a person has come near the arm, too near for it to move")
     _, out, _ = run("fleet", f"127.0.0.1:{served.port}")
     assert "a person has come near the arm, too near for it to move" in out
 
 
-def test_fleet_shows_who_controls_arm(served, run):
+def test_fleet_command_shows_operator_of_each_arm(served, run):
     with served.open() as arm:
         arm.enable()
         _, out, _ = run("fleet", f"127.0.0.1:{served.port}")

@@ -215,7 +215,7 @@ def test_remote_jog_continues_while_requested(served):
     assert result.measured_rad["wrist_roll"] - before > 0.04
 
 
-def test_a_second_operator_is_refused_until_the_first_is_gone(served):
+def test_second_operator_is_refused_until_first_disconnects(served):
     first, second = served.open(), served.open()
     first.enable()
     with pytest.raises(RefusedError, match="controls the arm"):
@@ -266,7 +266,7 @@ def test_closed_operator_connection_is_detected_at_once(served):
     arm._connection.forget_lease()  # ends its thread
 
 
-def test_goals_of_a_lost_operator_are_dropped(served):
+def test_goals_of_disconnected_operator_are_dropped(served):
     def lose_lease(connection):
         served.server.service.lose(served.server.lease.holder, "test")
 
@@ -324,7 +324,7 @@ def test_malformed_messages_are_refused_and_move_nothing(served, payload):
     ids=["nan", "no joint", "no pose", "nan pose", "inf target"],
 )  # fmt: skip
 @pytest.mark.parametrize("service", ["stream", "follow"])
-def test_invalid_goal_moves_nothing(served, service, goal):
+def test_invalid_remote_goal_moves_nothing(served, service, goal):
     client = served.connect()
     before = goals_sent(served.arm)
     pending = client.start(service, speed="fast")
@@ -406,7 +406,7 @@ def test_line_breaks_in_remote_names_are_removed(served, operator, shown):
     client.close()
 
 
-def test_a_motion_without_the_lease_is_refused(served):
+def test_remote_motion_without_control_lease_is_refused(served):
     client = served.connect()
     with pytest.raises(LeaseLostError):
         client.plan("move", motion={"move_to": {"position_m": [0.2, 0.0, 0.15]}})

@@ -116,7 +116,7 @@ def test_server_keeps_only_32_latest_plans(served):
             arm.execute(first)
 
 
-def test_a_plan_of_another_arm_is_refused(served):
+def test_plan_of_another_arm_is_refused(served):
     with served.open() as arm, pytest.raises(InputError, match="a plan of this arm"):
         arm.execute(served.arm.plan_joints({"gripper": 0.2}))
 
@@ -215,7 +215,7 @@ def test_stop_by_other_program_ends_locally_queued_motions(served, stopped_elsew
     ],
     ids=["move_to", "draw", "gripper"],
 )
-def test_stop_by_other_program_ends_motion_being_prepared(
+def test_stop_by_other_program_ends_motion_in_preparation(
     served, stopped_elsewhere, monkeypatch, request_motion
 ):
     with served.open() as arm:
@@ -327,7 +327,7 @@ def test_open_bus_refuses_address_of_other_machine(served):
         ikservo.arm.opening.open_bus(served.arm.model, served.address)
 
 
-def test_model_other_than_that_of_served_arm_is_refused(served):
+def test_model_that_differs_from_served_arm_is_refused(served):
     with pytest.raises(InputError, match="Choose so101"):
         ikservo.open_arm("koch", port=served.address)
 
@@ -404,7 +404,7 @@ def test_impossible_motion_raises_same_error_on_remote_arm(served, motion):
     assert there.value.message == here.value.message
 
 
-def test_an_unknown_joint_is_refused_before_it_is_sent(served):
+def test_unknown_joint_is_refused_before_remote_request(served):
     with served.open() as arm, arm.stream() as stream, pytest.raises(UnknownNameError):
         stream.send({"elbow": 0.1})
 

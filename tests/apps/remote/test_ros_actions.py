@@ -237,7 +237,7 @@ def test_ros_action_hashes_match_ros_2():
 
 
 @pytest.mark.full
-def test_action_goal_succeeds_with_feedback_and_states(graph, client, start):
+def test_ros_action_goal_succeeds_with_feedback(graph, client, start):
     number, accepted = client.send(goal_to((1.0, start + 0.2), (2.0, start + 0.3)))
     assert accepted
     assert client.result(number)[:2] == (GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL)
@@ -284,7 +284,7 @@ def test_outdated_ros_action_goal_is_rejected(client):
 
 
 @pytest.mark.full
-def test_repeated_action_goal_is_rejected_and_first_continues(client, start):
+def test_repeated_ros_action_goal_is_rejected_and_first_runs_on(client, start):
     number, _ = client.send(goal_to((1.0, start + 0.2)))
     assert client.send(goal_to((1.0, start - 0.2)), number) == (number, False)
     assert client.result(number)[0] is GoalStatus.SUCCEEDED

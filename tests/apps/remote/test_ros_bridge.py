@@ -92,7 +92,7 @@ def test_independent_ros_client_can_use_every_bridge_topic(graph, sdk):
     assert tuple(seen[-1].name) == graph.arm.joint_names
 
 
-def test_joint_states_match_simulated_servos(graph):
+def test_ros_joint_states_match_simulated_servos(graph):
     message, sample = graph.next("/joint_states", JointState)
     truth = true_joints(graph.arm)
     assert dict(zip(message.name, message.position, strict=True)) == pytest.approx(truth, abs=0.003)
@@ -118,7 +118,7 @@ def test_ros_trajectory_moves_servos_along_its_points(graph):
 
 
 @pytest.mark.campaign
-def test_empty_ros_trajectory_ends_current_one(graph):
+def test_empty_ros_trajectory_ends_current_motion(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
@@ -290,7 +290,7 @@ def test_unusable_ros_message_is_reported_and_moves_nothing(graph, message, how,
     assert true_joints(graph.arm) == pytest.approx(before, abs=0.03)
 
 
-def test_robot_description_reaches_late_subscribers(graph):
+def test_ros_robot_description_reaches_late_subscribers(graph):
     found = []
     with zenoh.ext.declare_advanced_subscriber(
         graph._session, graph.key("/robot_description", String), found.append,

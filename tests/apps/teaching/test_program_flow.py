@@ -106,7 +106,7 @@ def test_error_names_missing_called_program(arm, tmp_path):
         make_run(arm, tmp_path, {"program": "gone.toml"})
 
 
-def test_program_repeats_until_it_is_stopped(arm, tmp_path):
+def test_program_with_endless_repeat_runs_until_stopped(arm, tmp_path):
     run = make_run(arm, tmp_path, WAIT, WAIT, repeat="until stopped")
     assert run_all(run, 301) == [1, 2] * 150 + [1]
     step = next(run.steps())
@@ -140,7 +140,7 @@ def test_program_step_with_conflicting_keys_is_refused(step, words):
         ProgramStep(**step)
 
 
-def test_program_flow_keys_survive_writing_and_reading(tmp_path):
+def test_program_flow_control_keys_survive_write_and_read(tmp_path):
     steps = ({"tip_m": NEAR, "grid": GRID, "only_if": "grasped"}, {"program": "inner.toml"},
              {"pause": "Put in the next part."})  # fmt: skip
     written = program(*steps, repeat="until stopped")
@@ -174,7 +174,7 @@ def test_stop_ends_a_program_check(arm, tmp_path):
         next(checks)
 
 
-def test_stop_is_noticed_in_shortest_program_wait(arm, tmp_path):
+def test_stop_is_noticed_even_in_shortest_program_wait(arm, tmp_path):
     run = make_run(arm, tmp_path, {"wait_s": 1e-12}, repeat="until stopped")
     step = next(run.steps())
     arm.stop("Stopped by the test.")

@@ -195,7 +195,7 @@ def test_reply_of_program_of_another_version_is_refused(device, answer):
     listener.close()
 
 
-def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
+def test_arm_opened_by_another_program_can_be_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
     report = recorder.record_other_process(arm.model, None, RecordSettings(path, 0.1))
     recording = read_recording(path)

@@ -116,7 +116,7 @@ def test_stop_ends_hand_guiding_and_arm_holds():
 
 
 @pytest.mark.full
-def test_motion_after_hand_guiding_starts_where_hand_left_arm():
+def test_motion_after_hand_guiding_starts_at_guided_position():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         hand = Guided(arm, "elbow_flex", -0.5, 1.0)
         found = guide_by_hand(arm, hand)

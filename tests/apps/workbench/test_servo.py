@@ -44,7 +44,7 @@ def test_servo_read_prints_raw_numbers_and_quantities(run_cli):
     assert (own_id["raw"], own_id["range"], own_id["area"]) == (3, [0, 253], "EEPROM")
 
 
-def test_servo_write_changes_only_differences_and_locks_again(run_cli, ports):
+def test_servo_write_writes_only_differences_and_locks_eeprom(run_cli, ports):
     result = run_cli(f"servo write p_gain=20 d_gain=32 max_torque=60% {ELBOW} --yes")
     assert result.code == 0
     assert result.out.strip() == "✓ elbow_flex (id 3): p_gain 32 → 20, max_torque 1000 → 600"

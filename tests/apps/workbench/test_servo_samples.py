@@ -12,7 +12,7 @@ from tests.hardware.factories import make_bus, simulated_servos
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_every_model_has_at_least_six_live_registers(model):
+def test_every_servo_model_has_six_live_registers_at_least(model):
     names = [register.name for register in live_registers(MODELS[model])]
     assert len(set(names)) == len(names) >= 6
     assert names[:2] == ["goal_position", "present_position"]

@@ -204,7 +204,7 @@ class _DyingTransport:
 
 
 @each_model
-def test_servo_reset_keeps_id_and_baud_rate_or_is_refused(model):
+def test_servo_factory_reset_keeps_id_and_baud_or_is_refused(model):
     line = line_of(model)
     family = MODELS[model].family
     held = simulated_servos(line.bus)[ID]
@@ -242,7 +242,7 @@ def test_restarted_dynamixel_replies_with_torque_off():
         ("max_voltage_limit", "8.4V", 84),
     ],
 )
-def test_register_values_are_raw_integers_or_quantities(name, text, raw):
+def test_register_values_are_read_as_raw_or_with_units(name, text, raw):
     assert parse_register_value(find_register(MODELS["STS3215"], name), text) == raw
 
 
@@ -256,12 +256,12 @@ def test_invalid_register_value_text_is_refused(text):
         plan_writes(line, servo_of(line), {register: parse_register_value(register, text)})
 
 
-def test_wrong_register_name_suggests_nearest():
+def test_wrong_register_name_error_suggests_closest_name():
     with pytest.raises(UnknownNameError, match="present_voltage"):
         find_register(MODELS["STS3215"], "present_volt")
 
 
-def test_eeprom_lock_and_zeroing_command_cannot_be_written():
+def test_eeprom_lock_and_zeroing_register_are_write_protected():
     line = line_of("STS3215")
     for name, raw in (("lock", 0), ("torque_enable", 128)):
         with pytest.raises((RegisterAccessError, BadValueError)):
