@@ -99,7 +99,7 @@ def test_homing_refuses_travel_of_sensor_size_or_more(encoder):
 
 @pytest.mark.parametrize("family", Family)
 @pytest.mark.parametrize(("low", "high"), [(0, 500), (523, 1023)])
-def test_potentiometer_servo_may_use_its_whole_sensor(family, low, high):
+def test_potentiometer_servo_may_use_its_whole_sensor_range(family, low, high):
     found = homing_of(family, low, high, encoder=POTENTIOMETER)
     assert found == Homing(0, False, 0)
 

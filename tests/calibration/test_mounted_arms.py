@@ -115,7 +115,7 @@ def test_calibration_finds_zeros_and_signs_of_200_arms(name, seed):
     judge(make_mounted_arm(name, seed, gravity=seed % 5 == 0))
 
 
-def test_simulation_pushes_overlapping_links_apart_slowly():
+def test_simulated_overlapping_links_separate_slowly():
     arm = make_mounted_arm("rx200", 110, gravity=True)
     arm.world.hands.clear()
     fastest, model = 0.0, load_model("rx200")

@@ -233,7 +233,7 @@ def test_partly_written_calibration_is_resumed_or_rolled_back(interrupted, actio
 # --- the file
 
 
-def test_commit_of_empty_text_leaves_no_calibration_file(interrupted):
+def test_calibration_commit_of_empty_text_leaves_no_file(interrupted):
     changes = interrupted.journal().changes
     interrupted.act(lambda bus, journal: commit(bus, journal, interrupted.path, "", changes))
     assert interrupted.held() == [NEW, NEW]

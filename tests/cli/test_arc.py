@@ -34,7 +34,7 @@ def test_arc_dry_run_reports_length_and_tool_speed(run_cli):
 
 
 @pytest.mark.full
-def test_move_announces_tool_speed_that_is_not_reached(run_cli):
+def test_move_warns_that_requested_tool_speed_is_not_reached(run_cli):
     result = run_cli(f"move 0.2 0.1 0.15 --line --tool-speed 400 {SIM}")
     assert result.code == 0
     assert "Tool speed: at most " in result.err

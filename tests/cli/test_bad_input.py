@@ -129,7 +129,7 @@ def test_malformed_arm_file_error_names_file_and_position(run_cli, own_arm, file
     assert place in result.json["error"]
 
 
-def test_urdf_with_entities_is_refused(run_cli, own_arm):
+def test_urdf_with_xml_entities_is_refused(run_cli, own_arm):
     urdf = own_arm / "arm.urdf"
     bomb = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
     urdf.write_text(bomb + urdf.read_text().partition("?>")[2])

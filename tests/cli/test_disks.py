@@ -284,7 +284,7 @@ PRINTERS = [
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
 @pytest.mark.parametrize("words", PRINTERS)
-def test_full_disk_behind_stdout_exits_with_1(words):
+def test_stdout_redirected_to_full_disk_exits_with_1(words):
     command = [sys.executable, "-m", "ikservo", *words.split()]
     with open("/dev/full", "w") as full:  # noqa: PTH123
         done = subprocess.run(

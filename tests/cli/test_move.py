@@ -54,7 +54,7 @@ def test_move_dry_run_prints_plan_and_its_joints(run_cli):
                                     "wrist_roll"}  # fmt: skip
 
 
-def test_where_json_has_the_expected_keys(run_cli):
+def test_where_json_has_expected_keys(run_cli):
     answer = run_cli("where --arm so101 --port sim --json").json
     assert set(answer) == {"schema", "tip_m", "joints", "conditioning", "singularity"}
     assert set(answer["joints"][0]) >= {

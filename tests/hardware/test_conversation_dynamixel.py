@@ -128,7 +128,7 @@ def test_silent_servo_does_not_affect_replies_of_others(arm):
     assert isinstance(readings.errors[3], ServoSilentError)
 
 
-def test_shadow_servo_follows_leader_goal_and_has_own_id(simulated):
+def test_second_servo_of_joint_follows_first_and_has_own_id(simulated):
     bus, servos = simulated("vx300s")
     for servo_id in (3, 2):
         torque_on(bus, servo_id)

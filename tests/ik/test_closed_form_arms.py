@@ -204,7 +204,7 @@ def test_closed_form_keeps_position_and_finds_nearest_direction(name):
             assert result.orientation_error_rad <= best + 1e-6
 
 
-def test_reachable_direction_intervals_contain_only_such_pitches():
+def test_direction_intervals_contain_only_reachable_pitches():
     arm = chain("px100")
     target = Target((0.18, 0.05, 0.12))
     for found in direction_intervals(arm, target):

@@ -61,7 +61,7 @@ def test_skew_matrix_product_equals_cross_product(a, b):
 
 
 @pytest.mark.parametrize("angle_rad", [9e-5, 1e-6, 2e-4])
-def test_log_so3_of_small_rotation_keeps_every_digit(angle_rad):
+def test_log_so3_of_small_rotation_keeps_full_precision(angle_rad):
     w = angle_rad * np.array([0.6, 0.0, 0.8])
     np.testing.assert_allclose(se3.log_so3(se3.exp_so3(w)), w, rtol=1e-10)
 

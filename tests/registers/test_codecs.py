@@ -45,7 +45,7 @@ def test_register_codec_round_trips_every_number(codec, data):
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(data=st.data())
-def test_register_codec_word_fits_its_bytes(codec, data):
+def test_register_codec_output_fits_register_size(codec, data):
     size = 2
     assert 0 <= codec.to_word(data.draw(st.integers(*codec.span(size))), size) < 1 << 16
 

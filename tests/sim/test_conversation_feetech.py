@@ -203,7 +203,7 @@ def test_goal_write_switches_torque_on(make_port):
     assert (servo.read("torque_enable"), servo.drive.torque_on) == (1, True)
 
 
-def test_goal_write_keeps_torque_off_with_that_sim_option(make_port):
+def test_sim_option_keeps_torque_off_at_goal_write(make_port):
     port = make_port("STS3215")
     port.line.world.keep_torque_with_goals()
     servo = port.line.servos[1]

@@ -106,7 +106,7 @@ def test_joint_moved_by_its_motor_is_marked_as_swept_by_motor():
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_motor_driven_joint_with_known_range_is_marked_as_such():
+def test_motor_driven_joint_with_known_range_is_marked_as_driven():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
     driven = replace(hand.state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"

@@ -67,7 +67,7 @@ def test_servo_keeps_operating_mode_if_travel_allows_it(mode):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_joint_sign_found_by_hand_is_saved_with_that_source(sign):
+def test_source_of_joint_sign_found_by_hand_is_saved(sign):
     joint = JointMap.revolute("elbow", 1, sign, 2048, TURN)
     found = saved(swept(replace(subject(), joint_map=joint), up=1000 if sign > 0 else -1000))
     assert (found.sign, found.sign_from) == (sign, "by hand")

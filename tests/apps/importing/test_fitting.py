@@ -92,7 +92,7 @@ def test_fitted_capsules_contain_flat_mesh(count):
 
 
 @pytest.mark.full
-def test_capsules_of_bracket_are_tighter_beside_fitted_servo():
+def test_capsule_fit_of_bracket_uses_capsules_of_its_servo():
     sides = [trimesh.creation.box((0.09, 0.004, 0.05)).apply_translation((0.0, y, 0.025))
              for y in (-0.035, 0.035)]  # fmt: skip
     holder = trimesh.util.concatenate([trimesh.creation.box((0.09, 0.07, 0.004)), *sides])

@@ -41,7 +41,7 @@ def url(offers, clock):
 FILE = Download("arm.csv", lambda: iter(["a,b\r\n", "1,2\r\n"]))
 
 
-def test_download_is_served_once(url, offers):
+def test_download_link_works_only_once(url, offers):
     address = f"{url}/{offers.offer(FILE)}"
     response = httpx.get(address)
     assert response.text == "a,b\r\n1,2\r\n"

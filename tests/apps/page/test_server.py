@@ -64,7 +64,7 @@ def refused_upgrade(url, **options):
     return refused.value.response.status_code
 
 
-def test_server_serves_page(url):
+def test_server_delivers_page(url):
     assert "<canvas" in httpx.get(url).text
 
 
@@ -230,7 +230,7 @@ def test_next_scene_waits_for_heartbeat_of_page(visit, keys):
     assert [*numbers, client.receive_kind("scene")["seq"]] == [1, 2, 3]
 
 
-def test_disconnected_client_is_forgotten(visit, controller, keys, url):
+def test_disconnected_client_is_removed_from_server(visit, controller, keys, url):
     client = SocketClient(url).prove(keys.control)
     client.receive_kind("scene")
     client.close()
