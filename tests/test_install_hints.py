@@ -56,27 +56,27 @@ def installed(tmp_path, monkeypatch):
     (TAGGED, 'pip install "ikservo[draw] @ git+https://example.org/a/ikservo@v1"'),
     ({"url": "file:///tmp/i.whl", "archive_info": {}}, 'pip install "/tmp/i.whl[draw]"'),
 ])  # fmt: skip
-def test_install_command_names_origin_of_this_copy(installed, origin, command):
+def test_install_hint_names_source_of_installed_copy(installed, origin, command):
     installed(origin)
     assert remedies.install_command("draw") == command
 
 
-def test_install_command_keeps_extras_of_a_uv_tool(installed):
+def test_install_hint_keeps_extras_of_uv_tool(installed):
     installed(LOCAL, "uv-receipt.toml", RECEIPT)
     assert remedies.install_command("draw") == f'uv tool install "{FOLDER}[draw,view]"'
 
 
-def test_install_command_repairs_a_uv_tool(installed):
+def test_install_hint_repairs_uv_tool_installation(installed):
     installed(EDITABLE, "uv-receipt.toml", RECEIPT)
     assert remedies.install_command() == f'uv tool install --reinstall --editable "{FOLDER}[view]"'
 
 
-def test_install_command_of_pipx_copy_uses_pipx(installed):
+def test_install_hint_for_pipx_installation_uses_pipx(installed):
     installed(LOCAL, "pipx_metadata.json", "{}")
     assert remedies.install_command("draw") == f'pipx install --force "{FOLDER}[draw]"'
 
 
-def test_install_command_names_python_if_pip_is_another_one(installed, monkeypatch):
+def test_install_hint_names_python_if_pip_is_of_another(installed, monkeypatch):
     installed(None, pip=False)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
     assert remedies.install_command() == '"/venv/bin/python" -m pip install "ikservo"'
@@ -84,7 +84,7 @@ def test_install_command_names_python_if_pip_is_another_one(installed, monkeypat
     assert remedies.install_command() == 'uv pip install --python "/venv/bin/python" "ikservo"'
 
 
-def test_only_remedies_module_names_pip_install():
+def test_only_remedies_module_contains_pip_install_command():
     sources = Path(ikservo.__file__).parent
     named = [
         f"{path.name}:{node.lineno}"

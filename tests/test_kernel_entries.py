@@ -110,7 +110,7 @@ ENTRIES = [
 ]
 
 
-def test_every_kernel_entry_is_tested():
+def test_every_compiled_kernel_function_is_tested():
     assert {name for _, name, _ in ENTRIES} == set(compiled.uncompiled)
 
 
@@ -185,7 +185,7 @@ def changed(random, arguments):
 @needs_extension
 @pytest.mark.filterwarnings("ignore")  # of complex numbers that become real ones
 @pytest.mark.parametrize(("module", "name", "run"), ENTRIES, ids=[name for _, name, _ in ENTRIES])
-def test_kernels_refuse_or_survive_random_arguments(monkeypatch, module, name, run):
+def test_compiled_kernels_survive_or_refuse_random_arguments(monkeypatch, module, name, run):
     arguments = arguments_of(monkeypatch, module, name, run)
     random, refused = np.random.default_rng(1), 0
     first = copied(arguments)

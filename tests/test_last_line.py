@@ -18,7 +18,7 @@ def test_leaves_objects_that_only_garbage_collector_frees():
 
 
 @pytest.mark.full
-def test_last_line_of_a_test_run_is_the_summary_of_pytest(tmp_path):
+def test_last_line_of_test_run_is_pytest_summary(tmp_path):
     (tmp_path / "test_frozen.py").write_text(FROZEN)
     command = [sys.executable, "-m", "pytest", "-q", "-n0", "-p", "tests.conftest", str(tmp_path)]
     run = subprocess.run(

@@ -43,7 +43,7 @@ def test_wheel_contains_udev_rule(wheel):
     assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()
 
 
-def test_wheel_contains_page_of_panel(wheel):
+def test_wheel_contains_web_page_of_panel(wheel):
     page = {
         f"ikservo/apps/page/static/{path.name}"
         for path in (ROOT / "ikservo/apps/page/static").iterdir()
@@ -119,7 +119,7 @@ def test_wheel_without_compiler_is_pure_python(tmp_path):
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
 
 
-def test_forced_compilation_with_broken_compiler_fails_build(tmp_path):
+def test_forced_compilation_without_working_compiler_fails(tmp_path):
     done = build_wheel(tmp_path, IKSERVO_COMPILED="1", CC="false")
     assert done.returncode != 0
     assert "not compiled" in done.stderr

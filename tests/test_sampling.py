@@ -37,16 +37,16 @@ def cases_of(test, count=9):
     return [Case(test, SAMPLE_2) for _ in range(count)]
 
 
-def test_sample_marker_keeps_same_number_and_cases_each_run():
+def test_sample_marker_selects_same_cases_in_each_run():
     assert len(kept(cases_of("test_a"))) == 2
     assert kept(cases_of("test_a")) == kept(cases_of("test_a"))
 
 
-def test_sample_marker_draws_other_cases_for_other_tests():
+def test_sample_marker_selects_other_cases_for_other_tests():
     assert len({tuple(kept(cases_of(f"test_{i}"))) for i in range(9)}) > 4
 
 
-def test_sample_marker_draws_per_test():
+def test_sample_marker_selects_cases_per_test():
     cases = cases_of("test_a") + cases_of("test_b")
     assert [i for i in kept(cases) if i < 9] == kept(cases_of("test_a"))
 
@@ -56,7 +56,7 @@ def test_sample_marker_ignores_campaign_cases():
     assert kept(cases) == [1, 2]
 
 
-def test_sample_marker_keeps_case_requested_alone():
+def test_sample_marker_keeps_case_requested_by_its_id():
     assert kept(cases_of("test_a", 1)) == [0]
 
 

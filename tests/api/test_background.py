@@ -118,7 +118,7 @@ def test_a_recording_is_replayed_in_the_background(arm, tmp_path):
         (lambda arm: arm.pose("nowhere", wait=False), ikservo.UnknownNameError),
     ],
 )
-def test_wait_raises_error_of_motion_each_time(arm, start, error):
+def test_wait_raises_motion_error_on_every_call(arm, start, error):
     motion = start(arm)
     for _ in range(2):
         with pytest.raises(error):
@@ -139,7 +139,7 @@ def test_wait_raises_fault_that_occurs_during_motion(arm):
 
 
 @pytest.mark.campaign
-def test_wait_time_out_lets_motion_continue(arm):
+def test_motion_continues_after_time_out_of_wait(arm):
     motion, gate = begun(arm)
     with pytest.raises(TimeoutError, match="not over"):
         motion.wait(0.05)
@@ -202,7 +202,7 @@ def test_motion_cancelled_in_queue_never_moves(arm):
 
 
 @pytest.mark.full
-def test_motions_in_the_background_run_one_after_the_other(arm):
+def test_background_motions_run_one_after_another(arm):
     motions = [arm.move_joints({"shoulder_pan": pan}, wait=False) for pan in (0.1, -0.1, 0.05)]
     assert all(motion.wait().reached for motion in motions)
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.05, abs=0.01)
@@ -217,7 +217,7 @@ def test_blocking_motion_waits_for_background_motion(arm):
 
 
 @pytest.mark.campaign
-def test_motions_of_two_threads_run_in_turn(arm):
+def test_motions_started_by_two_threads_run_one_after_another(arm):
     reports = []
 
     def move(joint):
@@ -232,7 +232,7 @@ def test_motions_of_two_threads_run_in_turn(arm):
 
 
 @pytest.mark.full
-def test_where_answers_while_a_motion_runs(arm):
+def test_where_method_returns_during_motion(arm):
     motion, gate = begun(arm, pan=0.5)
     here = arm.where()
     assert 0.0 < here["shoulder_pan"].position_rad < 0.5
@@ -335,7 +335,7 @@ began.wait(60)
 
 
 @pytest.mark.full
-def test_program_that_exits_during_motion_brakes_arm_first():
+def test_arm_is_braked_before_program_exits_during_motion():
     ran = subprocess.run([sys.executable, "-c", LEFT_BEHIND], capture_output=True, text=True,
                          check=False, timeout=100)  # fmt: skip
     assert (ran.returncode, ran.stderr) == (0, "")
@@ -370,7 +370,7 @@ def test_cancelling_a_task_cancels_its_motion(arm):
 
 
 @pytest.mark.full
-def test_motion_error_that_nobody_waited_for_is_logged(arm, caplog):
+def test_background_motion_error_without_wait_is_logged(arm, caplog):
     motion = arm.move_to((0.9, 0.0, 0.1), wait=False)
     motion.join()
     arm.close()

@@ -32,7 +32,7 @@ def test_execute_of_joint_plan_reports_only_moved_joints(arm):
     assert report.measured_rad["shoulder_pan"] == pytest.approx(0.3, abs=0.01)
 
 
-def test_execute_of_plan_without_motion_returns_at_once(arm):
+def test_execute_of_plan_of_zero_length_returns_at_once(arm):
     report = arm.execute(arm.plan_joints(servo_group(arm).reference()))
     assert (report.goal_rad, report.error_rad, report.reached) == ({}, 0.0, True)
 
@@ -45,7 +45,7 @@ def test_hold_enables_torque_and_is_refused_in_motion():
             limp.move_joints({"wrist_roll": 0.2}, on_progress=lambda _: limp.hold())
 
 
-def test_unknown_attribute_raises_attribute_error(arm):
+def test_unknown_arm_attribute_raises_attribute_error(arm):
     for owner in (ikservo, ikservo.arm, arm, arm.plan_to(NEAR)):
         with pytest.raises(AttributeError, match="no attribute 'wobble'"):
             owner.wobble  # noqa: B018

@@ -27,7 +27,7 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-def test_value_quoted_in_a_message_has_at_most_201_letters():
+def test_value_quoted_in_message_has_at_most_201_characters():
     assert all(len(shown(value)) <= 201 for value in HOSTILE)
     assert shown(Angry()) == "a value of type Angry"
     assert shown(0.5) == "0.5"
@@ -41,7 +41,7 @@ def test_error_escapes_control_characters_in_quoted_text():
 
 
 @pytest.mark.parametrize("index", range(len(HOSTILE)))
-def test_functions_refuse_hostile_values_in_short_sentences(index):
+def test_functions_refuse_hostile_values_with_short_messages(index):
     value = HOSTILE[index]
     calls = [
         lambda: ikservo.load_model(value),

@@ -63,7 +63,7 @@ def test_files_and_ports_refuse_hostile_values(value):
 
 
 @pytest.mark.parametrize("number", ["1e308", "-1e300"])
-def test_recording_with_a_number_that_overflows_is_refused(tmp_path, number):
+def test_recording_with_overflowing_number_is_refused(tmp_path, number):
     path = tmp_path / "a.jsonl"
     header = RecordingHeader("so101", ("a",), ("rad",), 0.02)
     with RecordingWriter(path, header) as writer:

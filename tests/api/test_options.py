@@ -55,7 +55,7 @@ def test_method_options_are_fields_of_their_motion_class(limp, monkeypatch, tmp_
 
 
 @pytest.mark.parametrize("kind", motions.KINDS.values(), ids=motions.KINDS)
-def test_motion_fields_are_all_in_the_docstring(kind):
+def test_motion_docstring_describes_every_field(kind):
     explained = inspect.getdoc(kind)
     for each in dataclasses.fields(kind):
         assert f"    {each.name}: " in explained
@@ -88,7 +88,7 @@ def test_unknown_option_raises_type_error_with_its_name(limp, tmp_path, method, 
         ("plan_through", {"lines": True}, "line"),
     ],
 )
-def test_mistyped_option_is_answered_with_closest_name(limp, tmp_path, method, slip, meant):
+def test_mistyped_option_error_suggests_closest_name(limp, tmp_path, method, slip, meant):
     with pytest.raises(TypeError, match=f"Did you mean '{meant}'"):
         getattr(limp, method)(**arguments(method, limp, tmp_path), **slip)
 
@@ -109,7 +109,7 @@ def test_remote_arm_methods_have_same_signatures():
 
 
 @pytest.mark.full
-def test_motion_options_reach_plan_and_move_to():
+def test_plan_and_move_to_apply_motion_options():
     goal_m, seen = (0.2, 0.04, 0.08), []
     options = {"speed": "fast", "stance": ToolOrientation(pitch_rad=-0.9)}
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:

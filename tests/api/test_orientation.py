@@ -61,7 +61,7 @@ def test_five_joint_arm_refuses_unattainable_orientation(five):
     assert len(arm_file("so101")["joints"]) - 1 == 5
 
 
-def test_unreachable_pitch_is_not_blamed_on_missing_joint(five):
+def test_unreachable_pitch_error_does_not_blame_missing_joint(five):
     with pytest.raises(ikservo.OrientationError) as caught:
         five.plan_to((0.40, 0.0, 0.20), stance=ikservo.ToolOrientation(pitch_rad=-1.5))
     assert caught.value.freedom == ""
@@ -75,7 +75,7 @@ def test_orientation_that_is_not_a_rotation_is_refused(five, orientation):
         five.move_to((0.23, 0.02, 0.10), orientation=orientation)
 
 
-def test_orientation_and_stance_together_are_refused(five):
+def test_orientation_and_stance_arguments_together_are_refused(five):
     with pytest.raises(ikservo.BadValueError, match="given twice"):
         five.plan_to(
             (0.23, 0, 0.1), orientation=np.eye(3), stance=ikservo.ToolOrientation(keep=True)

@@ -13,7 +13,7 @@ POINT_M = (0.25, 0.05, 0.15)
 
 
 @pytest.mark.parametrize("arm", ["so101", find_arm("so101"), ikservo.load_model("so101")])
-def test_solve_takes_a_name_a_file_or_a_model(arm):
+def test_solve_accepts_arm_name_file_or_model(arm):
     assert ikservo.solve(arm, POINT_M).reached
 
 
@@ -23,14 +23,14 @@ def test_solve_refuses_value_that_is_not_an_arm(arm):
         ikservo.solve(arm, POINT_M)
 
 
-def test_solve_of_model_starts_from_home_pose():
+def test_solve_given_a_model_starts_from_home_pose():
     model = ikservo.load_model("so101")
     from_home = ikservo.solve(model.chain, ikservo.Target(POINT_M), model.chain_pose("home"))
     np.testing.assert_array_equal(ikservo.solve(model, POINT_M).q, from_home.q)
 
 
 @pytest.mark.parametrize("goal", [{"elbow_flex": 50}, {"gripper": 0.3, "wrist_flex": -45}])
-def test_joint_goal_in_degrees_is_refused_with_its_radians(goal):
+def test_joint_goal_in_degrees_is_refused_with_radians_in_hint(goal):
     degrees = list(goal.values())[-1]
     with (
         ikservo.open_arm("so101", port="sim") as arm,
@@ -41,7 +41,7 @@ def test_joint_goal_in_degrees_is_refused_with_its_radians(goal):
 
 
 @pytest.mark.parametrize("goal_rad", [300, math.radians(900)])
-def test_unit_hint_is_omitted_if_goal_fits_in_neither_unit(goal_rad):
+def test_degree_hint_is_omitted_if_goal_is_invalid_in_degrees(goal_rad):
     with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(RefusedError) as caught:
         arm.move_joints({"elbow_flex": goal_rad})
     assert "degrees" not in caught.value.hint

@@ -85,7 +85,7 @@ def texts():
 
 
 @pytest.mark.full
-def test_api_texts_do_not_name_commands_that_methods_replace():
+def test_api_messages_name_python_methods_instead_of_commands():
     left = [
         (place, text)
         for place, text in texts()
@@ -108,7 +108,7 @@ def message_of(do):
     return str(caught.value)
 
 
-def test_unreachable_point_suggests_call_that_can_be_planned():
+def test_unreachable_point_error_suggests_call_that_works():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         text_ids = message_of(lambda: arm.move_to((0.9, 0.0, 0.1)))
         point = re.search(r"arm\.move_to\(\((.*)\)\)", text_ids)

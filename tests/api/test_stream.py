@@ -174,7 +174,7 @@ def send_for_ever(stream):
             raise AssertionError("nothing ended it")
 
 
-def test_stop_is_raised_by_next_stream_send(arm):
+def test_next_stream_send_after_stop_raises_stopped_error(arm):
     line_of(arm).world.schedule(
         line_of(arm).world.time_s + 0.5, lambda: arm.stop("the door was opened")
     )
@@ -183,7 +183,7 @@ def test_stop_is_raised_by_next_stream_send(arm):
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_servo_fault_is_raised_by_next_stream_send(arm):
+def test_next_stream_send_after_servo_fault_raises_error(arm):
     servo = line_of(arm).servos[servo_id("so101", "shoulder_pan")]
 
     def jam():
@@ -197,7 +197,7 @@ def test_servo_fault_is_raised_by_next_stream_send(arm):
         send_for_ever(stream)
 
 
-def test_error_in_stream_block_brakes_and_is_raised(arm):
+def test_error_in_stream_block_brakes_arm_and_is_raised(arm):
     def send_and_stumble():
         with arm.stream(rate_hz=50) as stream:
             for _ in range(10):
@@ -212,7 +212,7 @@ def test_error_in_stream_block_brakes_and_is_raised(arm):
 
 
 @pytest.mark.full
-def test_open_stream_refuses_motions_but_allows_where(arm):
+def test_open_stream_refuses_motions_but_allows_reading_state(arm):
     with arm.stream(rate_hz=50) as stream:
         stream.send({"wrist_roll": 0.1})
         assert arm.where()["wrist_roll"].position_rad < 0.2
@@ -233,7 +233,7 @@ def test_stream_without_setpoints_moves_nothing(arm):
     assert registers(arm, "goal_position") == goals
 
 
-def test_stream_refuses_setpoints_outside_its_block(arm):
+def test_stream_refuses_setpoints_outside_with_block(arm):
     stream = arm.stream(rate_hz=50)
     with pytest.raises(ikservo.RefusedError, match="not open"):
         stream.send({"wrist_roll": 0.1})
@@ -280,7 +280,7 @@ class StandingClock:
         self.at_s = max(self.at_s, deadline_s)
 
 
-def test_newest_setpoint_replaces_older_one():
+def test_stream_setpoint_replaces_older_unused_one():
     mailbox = SetpointMailbox(StandingClock(), None, lambda: False)
     mailbox.put({"a": 1.0})
     mailbox.put({"a": 2.0})

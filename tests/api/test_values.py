@@ -28,7 +28,7 @@ def still():
         yield machine
 
 
-def test_where_returns_positions_in_order_of_names(still):
+def test_where_method_returns_positions_in_order_of_names(still):
     here = still.where()
     assert here.names == tuple(joint["name"] for joint in arm_file("so101")["joints"])
     true = [true_joints(still)[name] for name in here.names]
@@ -40,11 +40,11 @@ def test_where_returns_positions_in_order_of_names(still):
 @pytest.mark.parametrize(
     "array", ["temperatures_c", "voltages_v", "loads_percent", "torque", "lower_rad", "upper_rad"]
 )
-def test_where_arrays_have_one_element_per_joint(still, array):
+def test_where_method_arrays_have_one_element_per_joint(still, array):
     assert getattr(still.where(), array).shape == (6,)
 
 
-def test_where_gives_joints_by_name(still):
+def test_where_result_is_indexed_by_joint_name(still):
     here = still.where()
     assert here["elbow_flex"] is here.by_name["elbow_flex"] is here.joints[2]
     assert here.positions["elbow_flex"] == here["elbow_flex"].position_rad
@@ -53,7 +53,7 @@ def test_where_gives_joints_by_name(still):
 
 
 @pytest.mark.full
-def test_arm_moves_back_to_measured_positions(arm):
+def test_positions_returned_by_where_are_valid_motion_targets(arm):
     there = arm.where().positions
     arm.move_to(NEAR)
     assert arm.move_joints(there).reached
@@ -61,7 +61,7 @@ def test_arm_moves_back_to_measured_positions(arm):
     np.testing.assert_allclose(back, list(there.values()), atol=0.02)
 
 
-def test_where_returns_tool_orientation_and_tip(still):
+def test_where_method_returns_tip_position_and_orientation(still):
     here = still.where()
     T = still.chain.forward(here.positions_rad[: still.chain.dof])
     np.testing.assert_allclose(here.orientation, T[:3, :3])
@@ -93,14 +93,14 @@ def test_progress_has_measured_joints_and_setpoints(arm):
         lambda arm, seen: arm.move_joints({"shoulder_pan": 0.1}, on_progress=seen.append),
     ],
 )
-def test_every_motion_reports_its_joints_as_progress(arm, motion):
+def test_every_motion_type_reports_its_joints_in_progress(arm, motion):
     seen = []
     motion(arm, seen)
     assert all(progress.joints_rad.shape == (6,) for progress in seen)
 
 
 @pytest.mark.full
-def test_progress_arrays_are_not_changed_later(arm):
+def test_progress_arrays_do_not_change_in_later_cycles(arm):
     seen = []
     arm.move_joints({"shoulder_pan": 0.4}, on_progress=seen.append)
     assert seen[0].joints_rad[0] < 0.1
@@ -117,7 +117,7 @@ def test_a_plan_is_sampled_from_its_start_to_its_end(still):
     assert (np.diff(sampled.times_s) > 0.0).all()
 
 
-def test_sampled_velocities_match_slopes_of_positions(still):
+def test_sampled_velocities_match_derivative_of_positions(still):
     sampled = still.plan_to(NEAR).sample(0.002)
     slopes = np.gradient(sampled.positions, sampled.times_s, axis=0)
     np.testing.assert_allclose(sampled.velocities[2:-2], slopes[2:-2], atol=0.01)
@@ -188,13 +188,13 @@ def test_recording_is_read_as_arrays_and_written_as_csv(arm, tmp_path):
         lambda arm: ikservo.Solver(arm.chain),
     ],
 )
-def test_reprs_are_short_and_without_memory_address(still, make):
+def test_repr_of_results_is_short_and_without_memory_address(still, make):
     shown = repr(make(still))
     assert len(shown) < 300
     assert " object at 0x" not in shown
 
 
-def test_repr_of_arm_says_open_or_closed():
+def test_repr_of_arm_shows_whether_it_is_open():
     with ikservo.open_arm("so101", port="sim") as arm:
         assert "open" in repr(arm)
     assert "closed" in repr(arm)

@@ -100,16 +100,16 @@ def test_invalid_geometry_argument_raises_input_error(limp, call):
         call(limp.chain)
 
 
-def test_plan_through_takes_points_from_generator(limp):
+def test_plan_through_accepts_generator_of_points(limp):
     assert limp.plan_through(point for point in (NEAR, (0.22, 0.0, 0.12))).duration_s > 0.0
 
 
-def test_joint_goals_take_numpy_numbers(limp):
+def test_joint_goals_accept_numpy_numbers(limp):
     plan = limp.plan_joints({"shoulder_lift": np.float32(-1.5), "shoulder_pan": np.array(0.1)})
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
 
-def test_move_joints_array_is_in_order_of_where_names():
+def test_move_joints_accepts_array_in_order_of_joint_names():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         here = arm.where()
         goal = here.positions_rad + np.array([0.1, 0.0, 0.0, 0.0, -0.1, 0.0])
@@ -148,7 +148,7 @@ def test_closing_arm_twice_is_allowed(closed):
     assert "closed" in repr(closed)
 
 
-def test_close_with_unknown_word_leaves_the_arm_open():
+def test_close_with_invalid_argument_leaves_arm_open():
     with ikservo.open_arm("so101", port="sim") as arm:
         with pytest.raises(ikservo.UnknownNameError, match="hold, relax"):
             arm.close("drop")

@@ -85,13 +85,13 @@ def command(folder, *words):
     return run(folder, "-m", "ikservo", *words)
 
 
-def test_command_of_another_distribution_is_listed_and_runs(other):
+def test_command_of_plugin_distribution_is_listed_and_runs(other):
     assert "Nod with the arm." in command(other, "--help").stdout
     assert command(other, "nod", "--word", "hi").stdout == "hi\n"
 
 
 @pytest.mark.full
-def test_motion_of_another_distribution_is_a_method_and_a_step(other):
+def test_motion_of_plugin_is_arm_method_and_program_step(other):
     program = other / "nods.toml"
     program.write_text(
         'format = 1\narm = "so101"\n[[steps]]\npose = "home"\n[[steps]]\nmotion.nod = {}\n'
@@ -112,7 +112,7 @@ def test_motion_of_another_distribution_is_a_method_and_a_step(other):
 
 
 @pytest.mark.full
-def test_example_app_of_documents_runs(tmp_path):
+def test_example_app_of_documentation_runs(tmp_path):
     page = (CONFIGS.parent / "docs" / "how-to" / "write-an-app.md").read_text("utf-8")
     for name, text in re.findall(r"```python\n# (\S+)\n(.*?)```", page, re.DOTALL):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -147,7 +147,7 @@ def test_warning_names_broken_app_in_one_sentence(other, kind):
     assert (arms.returncode, arms.stderr) == (0, "")
 
 
-def test_arms_of_another_distribution_are_found_by_name(other):
+def test_arms_of_plugin_distribution_are_found_by_name(other):
     shelf = other / "their_arms"
     shutil.copytree(CONFIGS / "planar2", shelf / "their_planar")
     (shelf / "__init__.py").touch()
@@ -159,7 +159,7 @@ def test_arms_of_another_distribution_are_found_by_name(other):
     assert done.returncode in (0, 7), done.stderr
 
 
-def test_damaged_arm_of_other_distribution_is_left_out(other):
+def test_damaged_arm_of_plugin_distribution_is_omitted(other):
     folder = other / "their_arms" / "damaged"
     folder.mkdir(parents=True)
     (folder.parent / "__init__.py").touch()

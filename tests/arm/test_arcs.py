@@ -27,7 +27,7 @@ def tip_of_reference(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ARMS)
-def test_circle_ends_at_its_start_after_a_full_turn(name):
+def test_circle_motion_ends_at_its_start_after_a_full_turn(name):
     arm, tip_m = held(name)
     with arm:
         far = []
@@ -56,7 +56,7 @@ def test_arc_passes_through_its_via_point():
 
 
 @pytest.mark.full
-def test_a_plan_says_whether_the_tool_speed_is_reached():
+def test_plan_states_whether_requested_tool_speed_is_reached():
     arm, tip_m = held("so101")
     with arm:
         slow = arm.plan_line(tip_m + at(-0.04, 0.05, 0.02), tool_speed_m_s=0.03).tool_speed
@@ -69,7 +69,7 @@ def test_a_plan_says_whether_the_tool_speed_is_reached():
         assert str(quick).startswith("at most ")
 
 
-def test_tool_speed_at_which_line_takes_years_is_refused():
+def test_absurdly_low_tool_speed_of_line_is_refused():
     arm, tip_m = held("so101")
     with arm:
         goals = registers(arm, "goal_position")
@@ -79,7 +79,7 @@ def test_tool_speed_at_which_line_takes_years_is_refused():
         assert registers(arm, "goal_position") == goals
 
 
-def test_speed_class_slow_limits_tool_speed_of_line():
+def test_slow_speed_limits_tool_speed_of_line():
     arm, tip_m = held("so101")
     with arm:
         plan = arm.plan_line(tip_m + at(-0.04, 0.09, 0.05), tool_speed_m_s=0.3, speed="slow")
@@ -87,7 +87,7 @@ def test_speed_class_slow_limits_tool_speed_of_line():
 
 
 @pytest.mark.full
-def test_the_measured_tip_has_the_requested_speed():
+def test_measured_tip_speed_equals_requested_tool_speed():
     arm, tip_m = held("so101")
     with arm:
         seen = []
@@ -99,7 +99,7 @@ def test_the_measured_tip_has_the_requested_speed():
     assert distance_m / (middle[-1, 0] - middle[0, 0]) == pytest.approx(0.02, rel=0.05)
 
 
-def test_collinear_zero_radius_and_unreachable_arcs_move_nothing():
+def test_invalid_or_unreachable_arc_moves_nothing():
     arm, tip_m = held("so101")
     with arm:
         goals = registers(arm, "goal_position")
@@ -112,14 +112,14 @@ def test_collinear_zero_radius_and_unreachable_arcs_move_nothing():
         assert registers(arm, "goal_position") == goals
 
 
-def test_an_arc_into_the_table_is_refused():
+def test_arc_through_table_is_refused():
     arm, tip_m = held("so101")
     with arm, pytest.raises(RefusedError, match="the table"):
         arm.plan_arc(center_m=tip_m - (0.0, 0.0, 0.04), normal=(1.0, 0.0, 0.0))
 
 
 @pytest.mark.campaign
-def test_arc_of_limp_arm_is_planned_again_after_sag():
+def test_arc_planned_for_limp_arm_is_replanned_after_sag():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         plan = arm.plan_arc(center_m=arm.where().tip_m - (0.02, 0.0, 0.0))
         report = arm.execute(plan)

@@ -72,14 +72,14 @@ def left_by_us_m(name, count):
 
 
 @pytest.mark.full
-def test_median_true_tip_error_is_within_half_a_millimetre():
+def test_median_true_tip_error_is_at_most_half_a_millimetre():
     assert float(np.median(list(left_by_us_m("so101", 12)))) <= 0.5e-3
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", NAMES)
-def test_true_tip_is_nearer_than_with_plain_tick_rounding(name):
+def test_tick_rounding_search_brings_true_tip_nearer_to_target(name):
     ours = float(np.median(list(left_by_us_m(name, 500))))
     assert ours <= 0.5e-3
     # Of 50 targets of so101: 0.40 and 0.57 mm, with uncoupled joints 0.36 and 0.71 mm.
@@ -132,7 +132,7 @@ def arm():
 
 
 @pytest.mark.full
-def test_report_separates_motion_time_from_settling_time(arm):
+def test_motion_report_separates_motion_and_settling_time(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     report = arm.execute(plan)
     before_s = 0.2  # in which rotors come to their flanks
@@ -141,7 +141,7 @@ def test_report_separates_motion_time_from_settling_time(arm):
 
 
 @pytest.mark.full
-def test_not_settled_error_contains_the_motion_report(arm, monkeypatch):
+def test_error_of_unsettled_motion_contains_motion_report(arm, monkeypatch):
     settle = plan_execution.settle
     loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
     monkeypatch.setattr(plan_execution, "settle", loose)
@@ -178,7 +178,7 @@ def test_gripper_not_named_in_a_move_keeps_its_goal(arm):
 
 
 @pytest.mark.full
-def test_report_names_stuck_joint_and_its_lead_is_limited(arm):
+def test_motion_report_names_stuck_joint_with_bounded_lead(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     held = servo_id("so101", "wrist_flex")
     line_of(arm).servos[held].motor.stuck = True
@@ -204,7 +204,7 @@ def test_report_names_stuck_joint_and_its_lead_is_limited(arm):
     ],
 )
 @pytest.mark.parametrize("short_rad", [0.05, 0.12])
-def test_blocked_joint_is_not_pressed_into_overload_shutdown(name, joint, by_rad, short_rad):
+def test_blocked_joint_does_not_cause_servo_overload_shutdown(name, joint, by_rad, short_rad):
     with ikservo.open_arm(name, port=f"{PORT}&pose=home&seed=1", collisions=False) as machine:
         machine.enable()
         servo, goal = servo_id(name, joint), machine.where().positions[joint] + by_rad

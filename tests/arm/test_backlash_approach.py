@@ -38,13 +38,13 @@ def flanks(arm):
 
 
 @pytest.mark.campaign
-def test_joint_without_known_backlash_rests_on_either_flank():
+def test_unknown_backlash_lets_joint_rest_on_either_gear_flank():
     with ikservo.open_arm("so101", port=PORT) as arm:
         assert len(set(flanks(arm))) == 2
 
 
 @pytest.mark.campaign
-def test_joint_with_known_backlash_rests_on_one_flank(arm_file):
+def test_known_backlash_makes_joint_rest_on_one_gear_flank(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         assert set(flanks(arm)) == {False}
 
@@ -61,7 +61,7 @@ def test_backlash_approach_stays_inside_joint_limit(arm_file):
 
 
 @pytest.mark.campaign
-def test_report_duration_includes_backlash_approach(arm_file):
+def test_motion_report_duration_includes_backlash_approach(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         before_s = clock_of(arm).now_s()
@@ -71,7 +71,7 @@ def test_report_duration_includes_backlash_approach(arm_file):
 
 
 @pytest.mark.full
-def test_line_ends_without_detour_for_known_backlash(arm_file):
+def test_straight_line_ends_without_backlash_approach(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         plan = arm.plan_line(np.add(arm.where().tip_m, (0.0, -0.03, 0.0)))

@@ -68,7 +68,7 @@ def test_compliance_in_calibration_brings_true_tip_to_target(own_arm, known, low
     assert low_m <= max(errors_m) <= high_m
 
 
-def test_calibration_of_rigid_arm_omits_compliance_and_play(own_arm):
+def test_calibration_file_of_rigid_arm_omits_compliance(own_arm):
     path = calibration_path("so101", SERIAL)
     text = path.read_text()
     assert "compliance" not in text
@@ -84,7 +84,7 @@ def test_compliance_is_kept_in_calibration_file(own_arm):
 
 
 @pytest.mark.full
-def test_guard_and_path_constraint_check_sagged_links(own_arm):
+def test_collision_and_constraint_checks_use_sagged_links(own_arm):
     learn(COMPLIANCE)
     with open_own_arm(load_model("so101"), PORT) as opened:
         opened.move_to((0.3, 0.0, 0.12))

@@ -27,7 +27,7 @@ def holds(arm):
 
 
 @pytest.mark.sample(1)
-def test_stop_after_last_cycle_is_obeyed_and_arm_holds(arm, monkeypatch):
+def test_stop_after_last_control_cycle_is_obeyed_and_arm_holds(arm, monkeypatch):
     disarm = ServoRamLimits.disarm_watchdog
 
     def stopped_meanwhile(limits):
@@ -42,7 +42,7 @@ def test_stop_after_last_cycle_is_obeyed_and_arm_holds(arm, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_pause_after_last_cycle_is_not_taken_for_servo_reset(arm, monkeypatch):
+def test_watchdog_stop_after_last_cycle_is_not_a_servo_reset(arm, monkeypatch):
     disarm, clock = ServoRamLimits.disarm_watchdog, clock_of(arm)
 
     def delayed(limits):
@@ -61,7 +61,7 @@ def test_pause_after_last_cycle_is_not_taken_for_servo_reset(arm, monkeypatch):
 
 
 @pytest.mark.sample(1)
-def test_stop_between_streams_of_a_motion_raises_stopped_error(arm, monkeypatch):
+def test_stop_between_parts_of_motion_raises_stopped_error(arm, monkeypatch):
     streaming, begun = servo_group(arm).streaming, []
 
     @contextlib.contextmanager
@@ -91,7 +91,7 @@ def test_torque_state_is_read_again_after_failed_torque_off(arm):
     assert arm.move_joints({"wrist_roll": 0.1}).reached
 
 
-def test_watchdog_without_answer_counts_as_tripped(monkeypatch):
+def test_servo_watchdog_that_cannot_be_read_counts_as_tripped(monkeypatch):
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         arm.move_joints({"shoulder_pan": 0.0})
         limits = servo_group(arm)._limits

@@ -24,11 +24,11 @@ def line(**changes):
 
 
 @pytest.mark.parametrize("errand", ControlCommand)
-def test_request_survives_encoding_and_decoding(errand):
+def test_control_request_survives_encoding_and_decoding(errand):
     assert decode_request(encode_request(Request(errand, "abc"))) == Request(errand, "abc")
 
 
-def test_request_is_encoded_as_one_json_line():
+def test_control_request_is_encoded_as_one_json_line():
     line = b'{"schema":"ikservo/owner/1","do":"stop","secret":""}\n'
     assert encode_request(Request(ControlCommand.STOP)) == line
 
@@ -59,16 +59,16 @@ def test_request_is_encoded_as_one_json_line():
         b"\x80\x04\x95\x0c\x00\x00\x00\x00\x00\x00\x00\x8c\x08builtins.\n",
     ],
 )
-def test_malformed_request_is_refused(wrong):
+def test_malformed_control_request_is_refused(wrong):
     with pytest.raises(InputError, match="Nothing was done"):
         decode_request(wrong)
 
 
-def test_reply_survives_encoding_and_decoding():
+def test_control_reply_survives_encoding_and_decoding():
     assert decode_reply(encode_reply({"tip_m": [0.1, 0.0, 0.2]})) == {"tip_m": [0.1, 0.0, 0.2]}
 
 
-def test_reply_without_schema_is_refused():
+def test_control_reply_without_schema_is_refused():
     with pytest.raises(InputError):
         decode_reply(b'{"error": "x"}\n')
 
@@ -97,7 +97,7 @@ LONG = pytest.param(1_000_000, marks=[pytest.mark.campaign, pytest.mark.timeout(
 
 
 @pytest.mark.parametrize("frames", [10_000, LONG])
-def test_fuzzed_request_is_decoded_exactly_or_refused(frames):
+def test_fuzzed_control_request_is_decoded_exactly_or_refused(frames):
     chance = random.Random(7)
     for _ in range(frames):
         frame = fuzzed(chance)

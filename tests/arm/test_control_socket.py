@@ -63,28 +63,28 @@ def exchange(device, data):
         return connection.makefile("rb").read()
 
 
-def test_command_is_executed_and_answered_by_bus_owner(device, owner):
+def test_control_command_is_executed_by_program_owning_port(device, owner):
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     assert owner.asked == ["stop"]
 
 
-def test_command_without_listener_returns_none(device, kind):
+def test_control_command_without_listener_returns_none(device, kind):
     assert send_command(device, ControlCommand.STOP) is None
 
 
-def test_closed_listener_does_not_leave_socket(device, owner):
+def test_closed_control_listener_removes_its_socket(device, owner):
     owner.listener.close()
     assert send_command(device, ControlCommand.STOP) is None
     assert not socket_path(device).exists()
 
 
-def test_owner_of_device_is_found_by_symlink(device, owner, tmp_path):
+def test_program_owning_port_is_found_through_symlink(device, owner, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(device)
     assert send_command(str(link), ControlCommand.WHERE) == {"done": "where"}
 
 
-def test_command_to_another_device_does_not_find_owner(device, owner, tmp_path):
+def test_control_command_for_another_port_finds_no_owner(device, owner, tmp_path):
     assert send_command(str(tmp_path / "ttyACM1"), ControlCommand.WHERE) is None
 
 
@@ -94,32 +94,32 @@ def test_control_socket_is_open_to_its_user_only(device, owner):
     assert stat.S_IMODE(place.stat().st_mode) == 0o600
 
 
-def test_socket_folder_falls_back_to_temp_folder(device, monkeypatch):
+def test_control_socket_folder_falls_back_to_temp_folder(device, monkeypatch):
     for name in ("IKSERVO_HOME", "XDG_RUNTIME_DIR"):
         monkeypatch.delenv(name, raising=False)
     assert socket_path(device).parent.parent == Path(tempfile.gettempdir())  # and no warning
 
 
-def test_socket_folder_is_taken_from_xdg_runtime_dir(device, monkeypatch):
+def test_control_socket_folder_is_taken_from_xdg_runtime_dir(device, monkeypatch):
     monkeypatch.delenv("IKSERVO_HOME", raising=False)
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/7")
     assert socket_path(device).parent == Path("/run/user/7/ikservo")
 
 
-def test_open_socket_folder_is_closed_to_other_users(device, kind):
+def test_control_socket_folder_is_made_private(device, kind):
     socket_path(device).parent.mkdir(parents=True)
     socket_path(device).parent.chmod(0o777)
     Owner(device).listener.close()
     assert stat.S_IMODE(socket_path(device).parent.stat().st_mode) == 0o700
 
 
-def test_socket_folder_that_is_a_symlink_is_not_used(device, kind, tmp_path):
+def test_control_socket_folder_that_is_a_symlink_is_not_used(device, kind, tmp_path):
     socket_path(device).parent.parent.mkdir()
     socket_path(device).parent.symlink_to(tmp_path, target_is_directory=True)
     assert serve(device, dict) is None
 
 
-def test_stale_socket_of_killed_owner_is_replaced(device, kind):
+def test_stale_control_socket_of_killed_program_is_replaced(device, kind):
     left = control_socket.open_socket(socket_path(device))
     left.socket.close()  # as the kernel does for a killed process; its file stays
     assert socket_path(device).exists()
@@ -129,12 +129,12 @@ def test_stale_socket_of_killed_owner_is_replaced(device, kind):
     owner.listener.close()
 
 
-def test_second_listener_does_not_replace_living_owner(device, owner):
+def test_second_listener_does_not_replace_running_port_owner(device, owner):
     assert serve(device, dict) is None
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
 
 
-def test_closing_old_owner_leaves_newer_owners_socket(device, kind):
+def test_closing_old_owner_keeps_control_socket_of_new_owner(device, kind):
     old = control_socket.open_socket(socket_path(device))
     old.socket.close()
     owner = Owner(device)
@@ -144,13 +144,13 @@ def test_closing_old_owner_leaves_newer_owners_socket(device, kind):
 
 
 @pytest.mark.parametrize("data", [b"", b"stop\n", b"{}\n", b"[" * 500 + b"\n", b'{"do":"stop"}\n'])
-def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data):
+def test_malformed_control_socket_request_changes_nothing(device, owner, data):
     assert b'"exit_code":2' in exchange(device, data)
     assert owner.asked == []
     assert send_command(device, ControlCommand.WHERE) == {"done": "where"}
 
 
-def test_endless_request_to_control_socket_is_cut_off(device, owner):
+def test_oversized_request_to_control_socket_is_rejected(device, owner):
     connection, _ = control_socket.connect(socket_path(device), 5.0)
     with connection, pytest.raises((ConnectionError, TimeoutError)):  # noqa: PT012  # whichever byte
         while True:
@@ -158,7 +158,7 @@ def test_endless_request_to_control_socket_is_cut_off(device, owner):
     assert owner.asked == []
 
 
-def test_loopback_command_without_secret_is_refused(device, monkeypatch):
+def test_control_command_over_loopback_needs_secret(device, monkeypatch):
     monkeypatch.setattr(control_socket, "HAS_UNIX_SOCKETS", False)
     owner = Owner(device)
     reply = exchange(device, b'{"schema":"ikservo/owner/1","do":"stop","secret":"guessed"}\n')
@@ -168,7 +168,7 @@ def test_loopback_command_without_secret_is_refused(device, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux says who is on a socket")
-def test_command_to_owner_of_another_user_is_refused(device, monkeypatch):
+def test_control_command_to_program_of_other_user_is_refused(device, monkeypatch):
     owner = Owner(device)
     monkeypatch.setattr(control_socket, "_peer_user", lambda connection: os.getuid() + 1)
     with pytest.raises(IkservoError, match="belongs to another user") as caught:
@@ -178,7 +178,7 @@ def test_command_to_owner_of_another_user_is_refused(device, monkeypatch):
     assert owner.asked == []
 
 
-def test_error_of_owner_reaches_the_caller(device, kind):
+def test_error_of_port_owner_is_raised_in_calling_program(device, kind):
     def refuse(request):
         raise RefusedError("It is locked.", "Unlock it.")
 
@@ -189,7 +189,7 @@ def test_error_of_owner_reaches_the_caller(device, kind):
     assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
 
 
-def test_owner_errors_keep_their_class_and_details(device, kind):
+def test_error_of_port_owner_keeps_its_class_and_details(device, kind):
     error = UnknownNameError("joint", "elbow", ["elbow_flex"])
 
     def refuse(request):
@@ -203,7 +203,7 @@ def test_owner_errors_keep_their_class_and_details(device, kind):
     assert (caught.value.name, list(caught.value.known)) == ("elbow", ["elbow_flex"])
 
 
-def test_crashed_command_does_not_end_the_owner(device, kind):
+def test_crashing_command_does_not_end_program_owning_port(device, kind):
     replies = iter([ZeroDivisionError("oops"), None])
 
     def stumble(request):
@@ -219,21 +219,21 @@ def test_crashed_command_does_not_end_the_owner(device, kind):
     listener.close()
 
 
-def test_silent_callers_do_not_delay_other_callers(device, owner):
+def test_silent_clients_do_not_delay_other_clients(device, owner):
     idle = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(10)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in idle:
         connection.close()
 
 
-def test_stop_is_answered_despite_40_silent_callers(device, owner):
+def test_stop_is_answered_despite_40_silent_clients(device, owner):
     silent = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(40)]
     assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in silent:
         connection.close()
 
 
-def test_stop_is_answered_while_callers_await_state(device, kind):
+def test_stop_is_answered_while_clients_wait_for_state(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
     def wait_for_state(request):
@@ -257,7 +257,7 @@ def test_stop_is_answered_while_callers_await_state(device, kind):
     listener.close()
 
 
-def test_long_home_path_still_has_a_control_socket(device, monkeypatch, tmp_path):
+def test_control_socket_works_with_long_home_path(device, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / ("deep" * 30)))
     monkeypatch.setenv("TMPDIR", "/tmp")
     monkeypatch.setattr("tempfile.tempdir", None)
@@ -266,7 +266,7 @@ def test_long_home_path_still_has_a_control_socket(device, monkeypatch, tmp_path
     owner.listener.close()
 
 
-def test_device_with_odd_name_has_a_socket_path(tmp_path):
+def test_device_with_unusual_name_has_control_socket_path(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     names = (str(tmp_path / "loop"), "/dev/m\udcfcller")
     assert len({socket_path(name) for name in names}) == 2

@@ -39,7 +39,7 @@ def distance_to(points, stroke):
 
 
 @pytest.mark.sample(1)
-def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
+def test_commanded_tip_of_drawing_is_on_stroke_or_lifted(arm):
     plan = arm.plan_drawing([SQUARE, DASH], lift_m=0.015, tool_speed_m_s=0.03)
     tips = commanded_tips(arm, plan)
     down = tips[tips[:, 2] < CORNER[2] + 3e-4]
@@ -52,7 +52,7 @@ def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
 
 
 @pytest.mark.campaign
-def test_a_drawing_is_executed_and_its_path_error_reported(arm):
+def test_drawing_is_executed_and_reports_its_path_error(arm):
     report = arm.draw([SQUARE, DASH], tool_speed_m_s=0.04)
     assert report.reached
     assert np.linalg.norm(true_tip_m(arm) - DASH[-1] - (0, 0, 0.01)) < 2e-3
@@ -61,7 +61,7 @@ def test_a_drawing_is_executed_and_its_path_error_reported(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_single_point_stroke_is_touched_and_left(arm):
+def test_single_point_stroke_is_drawn_and_tip_lifted_again(arm):
     plan = arm.plan_drawing([[CORNER]], lift_m=0.02)
     tips = commanded_tips(arm, plan)
     assert tips[:, 2].min() == pytest.approx(CORNER[2], abs=5e-4)
@@ -76,7 +76,7 @@ def test_stroke_of_repeated_point_equals_single_point(arm):
 
 
 @pytest.mark.sample(1)
-def test_drawing_error_counts_repeated_points_in_its_number(arm):
+def test_drawing_error_numbers_points_as_given_with_repeats(arm):
     far = CORNER + np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.9, 0, 0]])
     with pytest.raises(UnreachableError, match="point 4 of stroke 1: "):
         arm.plan_drawing([far])
@@ -93,13 +93,13 @@ def test_error_names_first_unreachable_point_of_drawing(arm):
 
 
 @pytest.mark.sample(1)
-def test_a_drawing_below_the_table_is_refused(arm):
+def test_drawing_below_the_table_is_refused(arm):
     with pytest.raises((RefusedError, UnreachableError)):
         arm.draw([SQUARE - (0, 0, 0.2)])
 
 
 @pytest.mark.full
-def test_drawing_reports_one_tool_speed_for_all_strokes():
+def test_drawing_plan_reports_one_tool_speed_for_all_strokes():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")
         speed = arm.plan_drawing([SQUARE, DASH], tool_speed_m_s=0.03).tool_speed

@@ -44,7 +44,7 @@ def at_home():
 
 
 @pytest.mark.full
-def test_plan_is_checked_again_from_where_the_arm_has_moved(at_home):
+def test_plan_is_checked_again_if_arm_has_moved_since(at_home):
     plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
     turned(at_home)
     before = goals(at_home)
@@ -53,7 +53,7 @@ def test_plan_is_checked_again_from_where_the_arm_has_moved(at_home):
     np.testing.assert_array_equal(goals(at_home), before)
 
 
-def test_plan_with_free_path_is_executed_after_a_move(at_home):
+def test_plan_still_free_of_collision_is_executed_after_move(at_home):
     plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
     at_home.move_joints({"shoulder_pan": 0.2}, speed="fast")
     at_home.execute(plan)
@@ -61,21 +61,21 @@ def test_plan_with_free_path_is_executed_after_a_move(at_home):
     assert pan == pytest.approx(0.8, abs=0.01)
 
 
-def test_plan_made_without_check_is_checked_at_execution():
+def test_plan_made_without_collision_check_is_checked_later():
     with so101(collisions=False) as arm:
         plan = arm.plan_joints({"shoulder_lift": 0.6}, speed="slow")
     with so101() as arm, pytest.raises(RefusedError, match="would touch the table"):
         arm.execute(plan)
 
 
-def test_plan_made_in_other_scene_is_checked_in_present_scene():
+def test_plan_of_another_scene_is_checked_in_current_scene():
     with so101() as arm:
         plan = arm.plan_joints({"shoulder_pan": -0.8}, speed="slow")
     with so101(POST) as arm, pytest.raises(RefusedError, match="would touch the post"):
         arm.execute(plan)
 
 
-def test_a_plan_of_another_arm_is_refused():
+def test_plan_of_another_arm_is_refused():
     with ikservo.open_arm("px100", port="sim:?pose=home") as arm:
         plan = arm.plan_joints({"waist": 0.1})
     with so101() as arm, pytest.raises(RefusedError, match="The plan moves waist"):

@@ -15,19 +15,19 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_error_of_other_process_has_same_text(name):
+def test_error_received_from_other_process_has_same_text(name):
     error = ERRORS[name]
     received = error_of(json.loads(json.dumps(error_fields(error))))
     assert (type(received), str(received)) == (type(error), str(error))
 
 
-def test_bytes_of_packet_survive_json():
+def test_packet_bytes_in_error_survive_json():
     received = error_of(json.loads(json.dumps(error_fields(ERRORS["bus"]))))
     assert received.received == b"\x00"
 
 
 @pytest.mark.parametrize("value", [3, None, [1], {"bytes": "zz"}, {"a": 1}])
-def test_error_with_hostile_detail_can_be_printed(value):
+def test_received_error_with_malformed_details_can_be_printed(value):
     fields = error_fields(ERRORS["bus"])
     fields["details"] |= {"sent": value, "received": value}
     received = error_of(fields)

@@ -27,7 +27,7 @@ COMPLAINTS = [
 
 @pytest.mark.full
 @few_or_many(2, 60)
-def test_random_fault_never_gives_wrong_goals_or_end_state(seeds, capsys):
+def test_random_bus_fault_never_causes_wrong_goals(seeds, capsys):
     states = {}
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]
@@ -122,7 +122,7 @@ def test_motion_completes_with_10_percent_of_instructions_lost(seeds, capsys):
 
 
 @few_or_many(4, 100)
-def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
+def test_torque_on_holds_joints_where_hand_left_them(seeds, capsys):
     worst = worst_at_rest = 0
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]

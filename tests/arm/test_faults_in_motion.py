@@ -74,7 +74,7 @@ def test_error_names_silent_servo_and_others_stop_in_3_cycles(either):
 
 
 @pytest.mark.full
-def test_one_lost_answer_in_ten_does_not_stop_a_motion(arm):
+def test_motion_continues_with_10_percent_of_replies_lost(arm):
     inject(arm, "silent", after_s=0.0, probability=0.1)
     swing(arm)
 
@@ -104,7 +104,7 @@ def test_servo_reset_is_noticed_and_torque_stays_off(either):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_arm_moves_after_brown_out_only_once_acknowledged(either):
+def test_arm_moves_after_brown_out_only_if_acknowledged(either):
     auditor = Auditor(either)
     gone_s = inject(either, "brownout", for_s=0.3)
     with pytest.raises((ServoAlarmError, ServoSilentError)):
@@ -127,7 +127,7 @@ def test_pulled_cable_is_reported_within_100_ms(arm):
 
 @pytest.mark.full
 @pytest.mark.sample(1)
-def test_reconnected_arm_moves_only_once_acknowledged(either, monkeypatch):
+def test_reconnected_arm_moves_only_if_acknowledged(either, monkeypatch):
     transport = transport_of(either)
     again = "ikservo.hardware.port_names.open_transport"
     monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
@@ -187,7 +187,7 @@ def test_overload_alarm_makes_joint_hold_its_position(either):
     ("kind", "details", "words"),
     [("hot", {"celsius": 66.0}, "6[56] °C"), ("voltage", {"volts": 3.9}, "supply|alarm|voltage")],
 )
-def test_alarm_error_names_temperature_or_voltage(kind, details, words):
+def test_servo_alarm_error_names_temperature_or_voltage(kind, details, words):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         inject(arm, kind, **details)
@@ -196,7 +196,7 @@ def test_alarm_error_names_temperature_or_voltage(kind, details, words):
 
 
 @pytest.mark.full
-def test_arm_stops_if_a_joint_loses_torque_silently():
+def test_arm_stops_if_a_joint_loses_torque_without_alarm():
     with ikservo.open_arm("so101", port="sim") as arm:
         swing(arm)
         # the forearm weighs 0.43 N m, twice what friction holds; on the shoulder it is 0.07
@@ -205,7 +205,7 @@ def test_arm_stops_if_a_joint_loses_torque_silently():
             arm.move_joints({"shoulder_pan": 1.2})
 
 
-def test_jammed_joint_stops_motion_and_goal_moves_to_position(arm):
+def test_jammed_joint_stops_motion_and_goal_is_set_to_position(arm):
     name = joint_of(arm, 1)
     auditor = Auditor(arm)
     inject(arm, "stuck", id=1)
@@ -228,7 +228,7 @@ def test_jammed_arm_moves_again_once_acknowledged(arm):
     swing(arm)
 
 
-def test_normal_session_does_not_write_eeprom(arm):
+def test_ordinary_motions_do_not_write_eeprom(arm):
     auditor = Auditor(arm)
     swing(arm, 0.1)
     arm.disable_torque()
@@ -241,7 +241,7 @@ def test_closed_arm_raises_port_error(arm):
         arm.where()
 
 
-def test_joints_turned_by_hand_do_not_snap_back_at_torque_on():
+def test_joints_turned_by_hand_do_not_jump_back_at_torque_on():
     with ikservo.open_arm("so101", port="sim") as arm:
         world = line_of(arm).world
         arm.enable()
@@ -266,7 +266,7 @@ def test_arm_stops_if_a_servo_reports_no_status(arm, monkeypatch):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("for_s", "silent"), [(1e3, ""), (0.02, ""), (0.02, "4")])
-def test_error_reports_power_cut_in_motion(either, for_s, silent):
+def test_error_reports_power_cut_during_motion(either, for_s, silent):
     world = line_of(either).world
     servos = {servo.id: servo for servo in world.servos}
 
@@ -312,7 +312,7 @@ def test_power_loss_error_names_fallen_joint_and_arm_holds(either, for_s, fallen
     assert "the other joints hold" in either.stopped_for
 
 
-def test_power_loss_of_two_servos_says_that_both_have_fallen(either):
+def test_power_loss_error_names_both_fallen_joints(either):
     for number in (1, 3):
         cut_power_of_one(either, number, 0.5, 1e3)
     both = f"{joint_of(either, 1)}, {joint_of(either, 3)} have fallen and are limp if they have no"
@@ -320,7 +320,7 @@ def test_power_loss_of_two_servos_says_that_both_have_fallen(either):
         swing(either)
 
 
-def test_joint_that_fell_at_rest_is_named_and_moves_again(either):
+def test_error_names_joint_that_fell_at_rest_and_arm_recovers(either):
     either.pose("home")
     cut_power_of_one(either, 3, 0.0, 0.05)
     wait(either, 1.0)

@@ -19,14 +19,14 @@ def arm():
 
 
 @pytest.mark.parametrize("method", ["plan_to", "plan_line"])
-def test_point_may_be_three_numbers(arm, method):
+def test_target_point_may_be_given_as_three_numbers(arm, method):
     plan = getattr(arm, method)
     apart = plan(0.25, np.float32(0), 0.1)
     assert np.allclose(apart.tip_m, plan((0.25, 0.0, 0.1)).tip_m)
 
 
 @pytest.mark.parametrize("given", [(0.25, 0.0), (0.25, 0.0, 0.1, "slow"), ((0.25, 0, 0.1), 3, 4)])
-def test_malformed_point_error_shows_the_right_form(arm, given):
+def test_malformed_point_error_shows_expected_form(arm, given):
     for method in (arm.move_to, arm.move_line, arm.look_at, arm.plan_to, arm.plan_line):
         with pytest.raises(ikservo.IkservoError, match=r"\(x, y, z\) in metres"):
             method(*given)
@@ -45,14 +45,14 @@ def test_motion_signatures_show_options_and_defaults(arm):
     )
 
 
-def test_dir_lists_public_names_only(arm):
+def test_dir_of_arm_lists_public_names_only(arm):
     names = {name for name in dir(arm) if not name.startswith("_")}
     assert not names & {"context", "runner", "preflight", "background", "request_stop"}
     assert {"move_to", "where", "scene", "stop", "relax", "poses", "limits", "camera"} <= names
 
 
 @pytest.mark.parametrize("text", ["250mm -50mm 150mm", "0.25 -0.05 0.15", "25cm -5cm 0.15m"])
-def test_move_hint_is_translated_to_a_python_method(text):
+def test_move_command_hint_is_translated_to_python_method(text):
     hint = f"Try: ikservo move {text}."
     assert in_python(hint) == "Try: arm.move_to((0.25, -0.05, 0.15))."
 
@@ -74,13 +74,13 @@ def test_center_and_centre_are_both_accepted_as_argument(arm, tmp_path, spelling
     assert arc.duration_s > 0
 
 
-def test_clear_error_has_no_traceback_of_pydantic(arm):
+def test_input_error_has_no_pydantic_traceback(arm):
     with pytest.raises(FileFormatError) as caught:
         arm.scene.add("box", "shelf", center_m=(0.3, 0.2, 0.1))
     assert "pydantic_core" not in "".join(traceback.format_exception(caught.value))
 
 
-def test_text_of_results_is_one_short_line_and_repr_complete(arm):
+def test_str_of_result_is_one_line_and_repr_is_complete(arm):
     values = [
         arm.where(),
         arm.move_to((0.22, 0.02, 0.12)),
@@ -98,7 +98,7 @@ def test_text_of_results_is_one_short_line_and_repr_complete(arm):
     assert str(values[3]).startswith("nothing grasped")
 
 
-def test_unknown_name_of_scene_suggests_add(arm):
+def test_unknown_scene_method_error_suggests_add(arm):
     with pytest.raises(AttributeError, match=r'arm.scene.add\("sphere", '):
         arm.scene.add_sphere  # noqa: B018
     assert not hasattr(arm.scene, "remove_box")

@@ -31,7 +31,7 @@ PATHS = [
 @pytest.mark.sample(1)
 @pytest.mark.full
 @pytest.mark.parametrize(("name", "motion_from"), PATHS, ids=["so101", "koch", "so101-arc"])
-def test_first_path_of_limp_arm_is_kept_within_1_4_mm(name, motion_from):
+def test_first_path_of_limp_arm_is_followed_within_1_4_mm(name, motion_from):
     with ikservo.open_arm(name, port="sim") as arm:
         clock_of(arm).sleep_until(clock_of(arm).now_s() + 15.0)
         plan = arm.plan(motion_from(arm.where().tip_m))

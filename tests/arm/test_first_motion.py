@@ -74,7 +74,7 @@ def test_limp_arm_stays_in_rest_pose_with_mujoco_contacts(name):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALL)
-def test_first_motion_from_rest_reaches_its_target(name):
+def test_first_motion_from_rest_pose_reaches_its_target(name):
     with ikservo.open_arm(name, port="sim") as arm:
         target_m = home_tip_m(arm.model)
         assert arm.move_to(target_m).reached
@@ -83,7 +83,7 @@ def test_first_motion_from_rest_reaches_its_target(name):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "wx250s"])
-def test_plan_for_limp_arm_is_made_again_after_it_has_sunk(name):
+def test_plan_for_limp_arm_is_recomputed_after_it_sagged(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         plan = arm.plan_to(home_tip_m(arm.model) + np.array([0.0, 0.0, 0.02]))
         pass_time(arm, 0.3)  # nobody holds it, and a person reads what it would do
@@ -93,7 +93,7 @@ def test_plan_for_limp_arm_is_made_again_after_it_has_sunk(name):
 
 
 @pytest.mark.full
-def test_plan_starts_from_where_a_hand_moved_the_arm():
+def test_plan_starts_where_arm_was_moved_by_hand():
     with ikservo.open_arm("so101", port="sim") as arm:
         plan = arm.plan_to(home_tip_m(arm.model))
         line_of(arm).world.place("shoulder_pan", 1.0)
@@ -104,7 +104,7 @@ def test_plan_starts_from_where_a_hand_moved_the_arm():
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "joint"), [("koch", "elbow_flex"), ("wx250s", "shoulder")])
-def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
+def test_joint_on_its_end_stop_is_moved_back_inside_limits(name, joint):
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         line_of(arm).world.place(joint, -3.0)  # further than it goes
         assert arm.pose("home").reached
@@ -118,7 +118,7 @@ def lay_down(arm, **degrees):
 
 
 @pytest.mark.full
-def test_refusal_says_that_servo_is_too_weak_for_posture():
+def test_error_tells_that_servo_is_too_weak_for_posture():
     with ikservo.open_arm("omx_l", port="sim") as arm:
         lay_down(arm, joint2=96.0, joint3=-80.0, joint4=-18.0)
         with pytest.raises(RefusedError, match=r"joint2 does not follow.*too weak to lift"):
@@ -143,7 +143,7 @@ def test_rest_pose_outside_limits_does_not_prevent_relax(start):
 
 
 @pytest.mark.campaign
-def test_rest_pose_outside_limits_is_approached_to_the_limit():
+def test_rest_pose_outside_limits_is_approached_up_to_limit():
     with ikservo.open_arm(narrowed("so101", **LIFTED), port=f"sim:{arm_path()}") as arm:
         arm.pose("home")
         assert arm.pose("rest").reached

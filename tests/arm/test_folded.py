@@ -46,7 +46,7 @@ def refusal(arm, pose):
 @pytest.mark.full
 @few_or_many(2, 100)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
-def test_folded_arm_finds_path_or_error_names_touching_pair(monkeypatch, capsys, name, seeds):
+def test_folded_arm_finds_path_or_error_names_colliding_links(monkeypatch, capsys, name, seeds):
     refused, found_later, touching = 0, [], 0
     for seed in seeds:
         with open_limp(name) as arm:

@@ -40,7 +40,7 @@ def circle(centre_m, radius_m, count):
 
 
 @pytest.mark.full
-def test_follow_traces_a_circle_and_reports_where_it_ended(arm):
+def test_follow_traces_circle_and_reports_final_position(arm):
     centre_m = arm.where().tip_m
     seen = []
     report = arm.follow(
@@ -82,12 +82,12 @@ print(*sorted(seen[-1] - seen[0]))
 
 
 @pytest.mark.full
-def test_follow_does_not_import_modules_between_goals():
+def test_follow_imports_no_modules_between_goals():
     ran = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == []
 
 
-def test_follow_holds_and_returns_after_300_ms_of_silence(arm):
+def test_follow_ends_with_arm_holding_after_300_ms_silence(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         while True:
@@ -101,7 +101,7 @@ def test_follow_holds_and_returns_after_300_ms_of_silence(arm):
     assert true_joints(arm)["shoulder_pan"] < 0.6
 
 
-def test_follow_checks_each_goal_against_its_start_pose(arm, monkeypatch):
+def test_follow_checks_collision_from_start_pose_of_each_goal(arm, monkeypatch):
     began, rests = list(true_joints(arm).values()), []
     monkeypatch.setattr(ArmContext, "check_trajectory", lambda *words: rests.append(words[2]))
     arm.follow({"shoulder_pan": pan} for pan in np.linspace(0.0, 0.5, cycle_count(arm, 0.5)))
@@ -109,7 +109,7 @@ def test_follow_checks_each_goal_against_its_start_pose(arm, monkeypatch):
     np.testing.assert_allclose(rests, [began] * len(rests), atol=0.01)
 
 
-def test_follow_stream_that_blocks_counts_as_silent(arm):
+def test_blocked_setpoint_iterator_counts_as_silent_stream(arm):
     def stream():
         yield {"shoulder_pan": 1.0}
         servo_group(arm).clock.sleep_until(arm.clock.now_s() + 1.0)
@@ -131,13 +131,13 @@ def test_delayed_progress_callback_is_not_stream_silence(arm):
     assert report.setpoints == 200
 
 
-def test_follow_counts_points_out_of_reach(arm):
+def test_follow_report_counts_unreachable_setpoints(arm):
     report = arm.follow([(0.9, 0.0, 0.2)] * 20)
     assert report.unreached == 20
 
 
 @pytest.mark.full
-def test_follow_goal_stops_at_joint_limit(arm):
+def test_follow_setpoint_beyond_limit_stops_at_joint_limit(arm):
     report = arm.follow([{"gripper": -5.0}] * cycle_count(arm, 2.5), speed="fast")
     lower = math.radians(-10.0)
     low_tick = 2048 + math.ceil(lower / (2 * math.pi) * 4096)
@@ -163,7 +163,7 @@ def exact_tip_m(arm):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "most_m"), [("so101", 1e-3), ("koch", 1.2e-3)])
-def test_follow_under_load_ends_within_about_1_mm_of_last_point(name, most_m):
+def test_loaded_follow_ends_within_about_1_mm_of_last_point(name, most_m):
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5") as arm:
         start_m = arm.where().tip_m
         way_m = np.linspace((0.0, 0.0, 0.0), (0.0, 0.04, 0.03), cycle_count(arm, 2.0))
@@ -184,7 +184,7 @@ def test_follow_ends_at_last_setpoint_before_a_refused_one(arm):
 
 
 @pytest.mark.full
-def test_arm_braked_during_follow_does_not_sag(arm):
+def test_arm_does_not_sag_after_braking_during_follow(arm):
     arm.pose("home")
     start = true_joints(arm)
     arm.follow([{"shoulder_pan": 1.0}])
@@ -195,7 +195,7 @@ def test_arm_braked_during_follow_does_not_sag(arm):
 
 
 @pytest.mark.full
-def test_joints_not_named_by_setpoint_stay_in_place(arm):
+def test_follow_keeps_joints_not_named_by_setpoint_in_place(arm):
     arm.move_to((0.23, 0.02, 0.10))
     before = true_joints(arm)
     furthest = dict.fromkeys(before, 0.0)
@@ -211,7 +211,7 @@ def test_joints_not_named_by_setpoint_stay_in_place(arm):
 
 
 @pytest.mark.full
-def test_a_stream_without_a_setpoint_moves_nothing(arm):
+def test_follow_without_setpoints_moves_nothing(arm):
     arm.move_to((0.23, 0.02, 0.10))
     before = registers(arm, "goal_position")
     report = arm.follow([None] * 5)
@@ -220,7 +220,7 @@ def test_a_stream_without_a_setpoint_moves_nothing(arm):
 
 
 @pytest.mark.campaign
-def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
+def test_correction_of_constant_setpoint_ends_for_stuck_joint(arm):
     line_of(arm).servos[servo_id("so101", "wrist_flex")].motor.stuck = True
     auditor = Auditor(arm)
     arm.follow([{"wrist_flex": true_joints(arm)["wrist_flex"] + 0.04}] * cycle_count(arm, 6.0))
@@ -235,19 +235,19 @@ def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
     [(0.1, 0.2), "there", (math.nan, 0, 0), {"elbow_flex": math.inf}, {"elbow_flex": "up"},
      {3: 0.1}, np.zeros((4, 4)), 7],
 )  # fmt: skip
-def test_an_invalid_setpoint_is_refused_and_the_arm_holds(arm, setpoint):
+def test_follow_refuses_invalid_setpoint_and_arm_holds(arm, setpoint):
     with pytest.raises(InputError):
         arm.follow([{"shoulder_pan": 0.1}, setpoint])
     assert all(registers(arm, "torque_enable").values())
     assert arm.stopped_for == ""
 
 
-def test_follow_error_names_unknown_joint_and_suggests_known_one(arm):
+def test_unknown_joint_error_of_follow_suggests_closest_name(arm):
     with pytest.raises(UnknownNameError, match="Did you mean elbow_flex"):
         arm.follow([{"elbow_flexx": 0.1}])
 
 
-def test_exception_of_stream_is_raised_after_braking(arm):
+def test_follow_brakes_arm_before_raising_iterator_exception(arm):
     def stream():
         yield {"shoulder_pan": 0.5}
         raise ZeroDivisionError
@@ -257,7 +257,7 @@ def test_exception_of_stream_is_raised_after_braking(arm):
     assert arm.move_joints({"gripper": 0.4}, speed="fast").reached
 
 
-def test_joint_is_jogged_while_requested(arm):
+def test_joint_jog_continues_while_requested(arm):
     report = arm.jog(
         "shoulder_pan", 0.4, wanted=iter([True] * cycle_count(arm, 0.5) + [False]).__next__
     )
@@ -265,7 +265,7 @@ def test_joint_is_jogged_while_requested(arm):
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.2, abs=0.08)
 
 
-def test_jog_ends_soon_after_the_last_request(arm):
+def test_jog_ends_soon_after_last_request(arm):
     report = arm.jog("shoulder_pan", -0.3, wanted=lambda: None)
     assert report.ended == "no longer requested"
     assert -0.2 < true_joints(arm)["shoulder_pan"] < -0.03
@@ -273,13 +273,13 @@ def test_jog_ends_soon_after_the_last_request(arm):
 
 
 @pytest.mark.full
-def test_a_jog_ends_at_the_limit(arm):
+def test_jog_ends_at_joint_limit(arm):
     report = arm.jog("gripper", -1.0, wanted=lambda: True)
     assert report.ended == "gripper is at its limit"
     assert true_joints(arm)["gripper"] == pytest.approx(math.radians(-10), abs=0.06)
 
 
-def test_the_tip_is_jogged_along_a_straight_line(arm):
+def test_tip_jog_moves_along_straight_line(arm):
     before = arm.where().tip_m
     end_s = arm.clock.now_s() + 0.8
     arm.jog("-y", 0.1, wanted=lambda: arm.clock.now_s() < end_s)
@@ -288,7 +288,7 @@ def test_the_tip_is_jogged_along_a_straight_line(arm):
     assert abs(way[[0, 2]]).max() < 0.015
 
 
-def test_the_tip_is_not_jogged_through_the_table(arm):
+def test_tip_jog_does_not_go_through_table(arm):
     report = arm.jog("down", 0.1, wanted=lambda: True)
     assert "would touch the table" in report.ended
     assert true_tip_m(arm)[2] > 0.0
@@ -351,7 +351,7 @@ def test_follow_arm_refuses_arm_without_common_joint(arm):
 
 
 @pytest.mark.full
-def test_a_recorded_motion_is_played_back(arm, leader, tmp_path):
+def test_recorded_motion_is_replayed(arm, leader, tmp_path):
     world = line_of(leader).world
     world.grasp("shoulder_pan", Hand(glide(0.0, 0.2, speed=0.5), limit=20.0))
     for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):
@@ -374,7 +374,7 @@ def test_a_recorded_motion_is_played_back(arm, leader, tmp_path):
          "has units"),
     ],
 )  # fmt: skip
-def test_a_recording_of_another_arm_is_refused(arm, tmp_path, change, found):
+def test_recording_of_another_arm_is_refused(arm, tmp_path, change, found):
     arm.record(tmp_path / "wave.jsonl", duration_s=0.1)
     text = (tmp_path / "wave.jsonl").read_text().replace(*change)
     (tmp_path / "wave.jsonl").write_text(text)
@@ -383,7 +383,7 @@ def test_a_recording_of_another_arm_is_refused(arm, tmp_path, change, found):
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_recording_outside_limits_is_refused_with_its_line(arm, tmp_path):
+def test_recording_outside_limits_is_refused_with_line_number(arm, tmp_path):
     arm.record(tmp_path / "wave.jsonl", duration_s=0.1)
     lines = (tmp_path / "wave.jsonl").read_text().splitlines(keepends=True)
     lines[3] = '{"t_s": 0.04, "q": [9.0, 0, 0, 0, 0, 0]}\n'
@@ -427,7 +427,7 @@ MOTIONS = {
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
-def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
+def test_first_motion_after_torque_on_is_slow(arm, motion):
     slow = math.degrees(arm.model.speed("slow").rad_s)
     assert fastest_deg_s(arm, lambda: motion(arm)) < 1.1 * slow
     arm.pose("home")
@@ -435,7 +435,7 @@ def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
 
 
 @pytest.mark.full
-def test_follow_speeds_up_once_arm_is_at_first_setpoint(arm):
+def test_follow_uses_full_speed_after_first_setpoint(arm):
     slow = math.degrees(arm.model.speed("slow").rad_s)
     here = [{"shoulder_pan": 0.02}] * cycle_count(arm, 0.2)
     there = [{"shoulder_pan": 0.8}] * cycle_count(arm, 0.8)

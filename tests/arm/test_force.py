@@ -40,7 +40,7 @@ def test_servo_model_has_expected_torque_limit_registers(model):
 
 
 @pytest.mark.parametrize("model", WITH_CURRENT)
-def test_current_limits_torque_in_current_based_position_mode(model):
+def test_goal_current_limits_torque_in_current_position_mode(model):
     bus = make_bus({1: model})
     bus.port.transport.line.servos[1].memory.put(
         "operating_mode", OperatingMode.CURRENT_BASED_POSITION
@@ -49,7 +49,7 @@ def test_current_limits_torque_in_current_based_position_mode(model):
 
 
 @pytest.mark.parametrize("model", LIMITED)
-def test_torque_limit_in_ram_is_share_of_eeprom_maximum(model):
+def test_torque_limit_in_ram_is_fraction_of_eeprom_maximum(model):
     bus = make_bus({1: model})
     limit, most = torque_limit_registers(bus, 1)
     assert (limit.area, limit.access, most.area) == (Area.RAM, Access.RW, Area.EEPROM)
@@ -59,12 +59,12 @@ def test_torque_limit_in_ram_is_share_of_eeprom_maximum(model):
 
 
 @pytest.mark.parametrize("model", sorted(MODELS.keys() - LIMITED.keys()))
-def test_model_without_torque_limit_register_is_refused(model):
+def test_servo_without_torque_limit_register_refuses_force(model):
     with pytest.raises(RegisterAccessError, match="this servo has none in RAM"):
         limit_torque(make_bus({1: model}), 1, 0.5)
 
 
-def test_hls_with_zero_goal_torque_moves_again():
+def test_hls_servo_with_zero_goal_torque_moves_after_torque_on():
     bus = make_bus({1: "HLS3606M"})
     servo = bus.port.transport.line.servos[1]
     bus.write(1, servo_register(bus, "goal_torque"), 0, raw=True)
@@ -80,7 +80,7 @@ def test_hls_with_zero_goal_torque_moves_again():
 
 
 @pytest.mark.parametrize("speed_rad_s", [0.05, 0.1, 0.5, 3.0])
-def test_hls_profile_speed_is_not_below_motion_speed(speed_rad_s):
+def test_hls_servo_profile_speed_is_not_below_motion_speed(speed_rad_s):
     bus = make_bus({1: "HLS3606M"})
     limits = ServoRamLimits(bus, [1])
     limits.prepare(1)
@@ -90,7 +90,7 @@ def test_hls_profile_speed_is_not_below_motion_speed(speed_rad_s):
 
 @pytest.mark.parametrize("model", LIMITED)
 @pytest.mark.parametrize("yielding", [False, True])
-def test_torque_limit_is_lifted_before_torque_comes_on(model, yielding):
+def test_torque_limit_is_removed_before_torque_on(model, yielding):
     bus = make_bus({1: model})
     if yielding and model in WITH_CURRENT:
         memory = bus.port.transport.line.servos[1].memory

@@ -31,7 +31,7 @@ USES = {
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 @pytest.mark.parametrize("use", USES)
-def test_forked_child_is_refused_while_parent_moves_the_arm(arm, use):
+def test_forked_child_cannot_move_arm_while_parent_moves_it(arm, use):
     held, done = threading.Event(), threading.Event()
 
     def hold_lock():

@@ -48,14 +48,14 @@ def assigns_to_itself(function):
     return False
 
 
-def test_control_predicates_and_properties_do_not_read_servos():
+def test_predicates_and_properties_do_not_read_servos():
     asked = [f for f in functions("control") if is_property(f[1]) or is_predicate(f[1])]
     assert len(asked) > 10
     assert [place for place, function in asked if reads_a_servo(function)] == []
 
 
 @pytest.mark.parametrize("folder", ["control", "arm", "guard", "motion"])
-def test_functions_named_as_quantities_do_not_assign_attributes(folder):
+def test_functions_named_by_quantity_have_no_side_effects(folder):
     asked = [
         (place, function)
         for place, function in functions(folder)
@@ -72,7 +72,7 @@ def arm():
         yield machine
 
 
-def test_properties_of_just_opened_arm_do_not_send_bytes(arm, monkeypatch):
+def test_properties_of_newly_opened_arm_send_no_packets(arm, monkeypatch):
     sent = []
     monkeypatch.setattr(type(transport_of(arm)), "write", lambda _, data: sent.append(data))
     read = [(part, name) for part in parts_of(arm) for name in properties(part)]
@@ -98,7 +98,7 @@ def properties(part):
     return [n for n in dir(type(part)) if isinstance(getattr(type(part), n, None), property)]
 
 
-def test_control_cycle_is_measured_at_torque_on_and_then_kept(arm):
+def test_control_cycle_time_is_measured_once_at_torque_on(arm):
     with pytest.raises(RefusedError, match="torque"):
         _ = motion_runner(arm).loop.cycle_time_s
     arm.enable()

@@ -49,7 +49,7 @@ def fall_out_of_limits(arm, seed):
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("name", ARMS)
-def test_a_limp_arm_outside_its_limits_is_only_moved_back(name, seed):
+def test_limp_arm_outside_its_limits_is_only_moved_back_inside(name, seed):
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         fall_out_of_limits(arm, seed)
         arm.enable()
@@ -73,7 +73,7 @@ def test_hold_clips_goal_of_another_program_to_joint_limit():
         assert hold_ticks(group._bus, group.driven_joints, still)[0] == high
 
 
-def test_last_check_before_bus_refuses_goal_beyond_limit():
+def test_bus_write_of_goal_beyond_joint_limit_is_refused():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         group, sent = servo_group(arm), GoalWitness(arm)

@@ -46,7 +46,7 @@ def put_between(arm, share):
 @pytest.mark.parametrize(
     "name", [n if n in TWO else pytest.param(n, marks=pytest.mark.campaign) for n in ARMS]
 )
-def test_grasp_presses_with_no_more_than_the_force(name):
+def test_gripper_force_does_not_exceed_requested_force(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         open_jaws(arm)
         at = put_between(arm, 0.2)
@@ -60,7 +60,7 @@ def test_grasp_presses_with_no_more_than_the_force(name):
         assert registers(arm, register)[own] == pytest.approx(0.2 * full, abs=1)
 
 
-def test_gripper_closed_on_nothing_reports_no_grasp(so101):
+def test_empty_gripper_reports_no_grasp(so101):
     report = so101.gripper("close")
     assert (report.reached, report.grasped) == (True, False)
     assert report.position_rad == pytest.approx(jaws(so101).closed, abs=0.06)
@@ -80,7 +80,7 @@ CREEPING = [
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "begun", "share"), CREEPING)
-def test_creeping_jaws_close_and_report_no_grasp(name, begun, share):
+def test_slowly_closing_empty_jaws_report_no_grasp(name, begun, share):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         half = (jaws(arm).closed + jaws(arm).open) / 2
         line_of(arm).world.place(jaws(arm).joint, jaws(arm).open if begun == "open" else half)
@@ -93,7 +93,7 @@ def test_creeping_jaws_close_and_report_no_grasp(name, begun, share):
 @pytest.mark.parametrize(
     "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
 )
-def test_minimum_force_grasps_object_between_jaws(name):
+def test_gripper_minimum_force_grasps_object(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         open_jaws(arm)
         at = put_between(arm, 0.3)
@@ -105,7 +105,7 @@ def test_minimum_force_grasps_object_between_jaws(name):
 
 
 @pytest.mark.parametrize(("name", "least"), LEAST.items())
-def test_error_for_too_small_force_names_minimum_force(name, least):
+def test_gripper_force_error_names_minimum_force(name, least):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         with pytest.raises(BadValueError, match=f"a fraction from {least:g} to 1 on this arm"):
             arm.gripper("close", force=least - 0.01)
@@ -113,7 +113,7 @@ def test_error_for_too_small_force_names_minimum_force(name, least):
 
 
 @pytest.mark.full
-def test_soft_object_is_pressed_until_it_stops_yielding(so101):
+def test_gripper_closes_until_soft_object_stops_yielding(so101):
     open_jaws(so101)
     closed, opened = jaws(so101).closed, jaws(so101).open
     there, end = (closed + share * (opened - closed) for share in (0.6, 0.3))
@@ -124,21 +124,21 @@ def test_soft_object_is_pressed_until_it_stops_yielding(so101):
     assert report.position_rad == pytest.approx(end, abs=0.04 * (opened - closed))
 
 
-def test_jaws_stuck_open_report_no_grasp(so101):
+def test_jaws_that_are_stuck_open_report_no_grasp(so101):
     open_jaws(so101)
     line_of(so101).servos[servo_id("so101", "gripper")].motor.stuck = True
     report = so101.gripper("close")
     assert (report.reached, report.grasped) == (False, False)
 
 
-def test_slowly_creeping_jaws_do_not_stop_the_arm():
+def test_slowly_closing_jaws_do_not_stop_arm():
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         assert not arm.gripper("close", force=0.1).grasped
         assert arm.stopped_for == ""
 
 
 @pytest.mark.full
-def test_enable_keeps_grasp_within_its_force(so101):
+def test_enable_keeps_grasp_force_of_gripper(so101):
     open_jaws(so101)
     put_between(so101, 0.2)
     so101.gripper("close", force=0.2)
@@ -157,14 +157,14 @@ def test_grasp_holds_during_moves_until_gripper_opens(so101):
     assert so101.gripper("open").reached
 
 
-def test_only_the_grippers_force_is_limited(so101):
+def test_gripper_force_does_not_limit_torque_of_other_joints(so101):
     put_between(so101, 0.33)
     so101.gripper("close", force=0.25)
     others = [value for i, value in registers(so101, "torque_limit").items() if i != 6]
     assert others == [1000] * 5
 
 
-def test_gripper_opens_to_a_width():
+def test_gripper_opens_to_requested_width():
     with ikservo.open_arm("open_manipulator_x", port="sim:?pose=home") as arm:
         report = arm.gripper(width_m=0.055)
         assert report.reached
@@ -173,7 +173,7 @@ def test_gripper_opens_to_a_width():
 
 
 @pytest.mark.parametrize("name", ["px100", "wx250s", "vx300s"])
-def test_the_widths_of_cranked_jaws_follow_the_crank(name):
+def test_gripper_width_of_cranked_jaws_follows_crank(name):
     radius_m, rod_m = (0.022, 0.036) if name == "vx300s" else (0.014, 0.024)
     gripper = ikservo.load_model(name).gripper
     for share in (0.0, 0.3, 0.6, 1.0):
@@ -192,7 +192,7 @@ def test_gripper_width_out_of_range_moves_nothing(width_m):
         assert not any(registers(arm, "torque_enable").values())
 
 
-def test_gripper_without_known_widths_refuses_a_width(so101):
+def test_gripper_without_width_table_refuses_width(so101):
     with pytest.raises(BadValueError, match="has no widths"):
         so101.gripper(width_m=0.03)
 
@@ -205,12 +205,12 @@ def test_gripper_force_outside_0_to_1_is_refused(so101, force):
 
 
 @pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
-def test_gripper_needs_exactly_one_of_word_and_width(so101, to, width_m):
+def test_gripper_method_needs_either_open_close_or_width(so101, to, width_m):
     with pytest.raises(InputError, match="open, close and a width"):
         so101.gripper(to, width_m=width_m)
 
 
-def test_unknown_gripper_word_error_lists_known_words(so101):
+def test_unknown_gripper_command_error_lists_known_ones(so101):
     with pytest.raises(UnknownNameError, match="close, open"):
         so101.gripper("ajar")
 

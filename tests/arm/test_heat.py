@@ -47,7 +47,7 @@ def test_overheated_arm_holds_and_can_be_lowered():
 
 
 @pytest.mark.full
-def test_arm_lowered_hot_is_not_moved_before_it_cools():
+def test_overheated_and_lowered_arm_does_not_move_until_cool():
     with opened() as arm:
         overheat(arm, 68.0)
         arm.acknowledge()

@@ -25,7 +25,7 @@ def lead(arm, gripper):
 
 
 @pytest.mark.full
-def test_arm_with_grasped_object_relaxes(holding):
+def test_relax_works_with_grasped_object(holding):
     arm, _ = holding
     assert arm.relax().reached
     assert set(registers(arm, "torque_enable").values()) == {0}

@@ -30,7 +30,7 @@ def feed(joint, ticks, start_s=0.0):
     return goals
 
 
-def test_goal_outside_limits_moves_only_inwards():
+def test_settling_goal_outside_limits_moves_only_inwards():
     joint = creep(lower=-1.0, upper=-0.1)  # up to tick 1982
     sent = []
     for cycle, tick in enumerate([2000, 2000, 2012, 2012, 2012, 1990, 1990, *[2000] * 20]):
@@ -41,23 +41,23 @@ def test_goal_outside_limits_moves_only_inwards():
     assert outside[-1] < 2000.0
 
 
-def test_correction_raises_goal_of_sagging_joint():
+def test_settling_correction_raises_goal_of_sagging_joint():
     goals = feed(creep(), [1980] * 20)
     assert goals == sorted(goals)
     assert goals[-1] > 2000
 
 
-def test_goal_of_arrived_joint_is_not_corrected():
+def test_settling_does_not_correct_goal_of_arrived_joint():
     goals = feed(creep(goal=2030), [2000] * 20)
     assert set(goals) == {2030.0}
 
 
-def test_joint_without_target_keeps_its_goal():
+def test_settling_joint_without_target_keeps_its_goal():
     goals = feed(creep(wanted=None), [1950] * 20)
     assert set(goals) == {2000.0}
 
 
-def test_correction_of_stuck_joint_stays_within_max_lead():
+def test_settling_correction_of_stuck_joint_is_bounded():
     joint = creep()
     goals = feed(joint, [1990] * 2000)
     assert max(goals) <= 1990 + joint.driven.max_lead_ticks(0.0) + 1
@@ -66,12 +66,12 @@ def test_correction_of_stuck_joint_stays_within_max_lead():
     )
 
 
-def test_correction_does_not_take_back_excess_lead():
+def test_correction_does_not_reduce_lead_above_maximum():
     goals = feed(creep(goal=2100), [1990] * 20)
     assert set(goals) == {2100.0}
 
 
-def test_corrected_goal_stays_in_limits_and_names_the_limit():
+def test_corrected_goal_stays_in_limits_and_limit_is_reported():
     joint = creep(goal=2690, wanted=2699, upper=1.0)
     goals = feed(joint, [2680] * 500)
     assert max(goals) <= joint.driven.tick_range[1]
@@ -81,13 +81,13 @@ def test_corrected_goal_stays_in_limits_and_names_the_limit():
 
 
 @pytest.mark.parametrize("ticks", [[1980] * 5, [2000] * 5])
-def test_moving_or_arrived_joint_is_not_reported_saturated(ticks):
+def test_saturation_of_moving_or_arrived_joint_is_not_reported(ticks):
     joint = creep()
     feed(joint, ticks)
     assert joint.saturation_reason is None
 
 
-def test_overshoot_of_one_tick_counts_as_arrived():
+def test_settling_accepts_overshoot_of_one_tick():
     joint = creep()
     feed(joint, [1998] * 5 + [2001] * 30)
     assert joint.arrived
@@ -95,14 +95,14 @@ def test_overshoot_of_one_tick_counts_as_arrived():
 
 
 @pytest.mark.parametrize(("stuck", "left"), [((-6.0, 6.0), True), ((-20.0, -2.0), False)])
-def test_unloaded_joint_is_not_moved_through_backlash_for_a_tick(stuck, left):
+def test_one_tick_error_is_left_if_it_would_cross_backlash(stuck, left):
     joint = creep(goal=1995, stuck=stuck)
     goals = feed(joint, [1999] * 10)
     assert joint.arrived == left
     assert (goals[-1] == 1995) == left
 
 
-def test_joint_that_jumps_back_and_forth_rests_at_nearer_side():
+def test_joint_that_jumps_across_target_accepts_nearer_side():
     joint = creep()
     for away in (-5, 4, -4):
         feed(joint, [2000 + away] * 5)
@@ -112,7 +112,7 @@ def test_joint_that_jumps_back_and_forth_rests_at_nearer_side():
 
 
 @pytest.mark.parametrize("stuck", [(4.0, 20.0), (-6.0, 4.0)])
-def test_goal_goes_back_towards_middle_of_friction_at_arrival(stuck):
+def test_goal_returns_towards_middle_of_friction_at_arrival(stuck):
     joint = creep(goal=2000, stuck=stuck)
     pushed = feed(joint, [1997] * 50)
     assert pushed[-1] - 1997 > stuck[1]
@@ -122,7 +122,7 @@ def test_goal_goes_back_towards_middle_of_friction_at_arrival(stuck):
     assert held[-1] == pytest.approx(max(middle, pushed[-1] - half), abs=0.5)
 
 
-def test_goal_under_unknown_load_goes_back_by_half_the_band():
+def test_goal_returns_by_half_friction_under_unknown_load():
     joint = creep(goal=2000, stuck=(-10.0, 10.0))
     pushed = feed(joint, [1990] * 300)
     assert pushed[-1] - 2000 > 20.0  # a weight that the model does not know
@@ -130,14 +130,14 @@ def test_goal_under_unknown_load_goes_back_by_half_the_band():
     assert held[-1] - 2000 > 5.0  # otherwise the weight would pull the joint down again
 
 
-def test_correction_of_joint_at_its_limit_ends_at_once():
+def test_settling_correction_at_joint_limit_ends_at_once():
     joint = creep(goal=2699, wanted=2710, upper=1.0)
     feed(joint, [2690] * 20)
     assert joint.saturation_reason.kind is Saturation.LIMIT
     assert not joint.moves_at(0.2)
 
 
-def test_overshoot_of_five_ticks_is_corrected():
+def test_settling_corrects_overshoot_of_five_ticks():
     joint = creep()
     feed(joint, [1998] * 5 + [2005] * 5)
     goals = feed(joint, [2005] * 30, start_s=0.2)
@@ -145,21 +145,21 @@ def test_overshoot_of_five_ticks_is_corrected():
     assert goals[-1] < goals[0]
 
 
-def test_correction_waits_for_moving_joint_near_target():
+def test_settling_correction_waits_for_joint_still_moving():
     joint = creep()
     feed(joint, [1996] * 10)
     waiting = feed(joint, [1998, 1998, 1998], start_s=0.1)
     assert len(set(waiting[1:])) == 1
 
 
-def test_flickering_sensor_does_not_delay_the_correction():
+def test_one_tick_sensor_noise_does_not_delay_correction():
     joint = creep()
     goals = feed(joint, [1997, 1998] * 50)
     assert goals[-1] - goals[0] > 5
 
 
 @pytest.mark.parametrize("ticks", [[1998, 1999] * 20, [1999] * 40])
-def test_flickering_sensor_counts_as_joint_at_rest(ticks):
+def test_one_tick_sensor_noise_counts_as_joint_at_rest(ticks):
     joint = creep()
     feed(joint, ticks)
     assert joint.still_since_s <= CYCLE_S
@@ -181,7 +181,7 @@ def settle_with(tick_at):
     pytest.fail("settling never ended")
 
 
-def test_settling_ends_and_goals_stay_once_target_is_reached():
+def test_settling_ends_and_keeps_goals_once_target_is_reached():
     driven, near = creep().driven, lambda measured: driven.joint_map.tick(measured[0]) == 2001
     limits = [KinematicLimits(2.0, 20.0, 200.0)]
     trajectory = SettlingTrajectory([driven], [2002], [2000], limits, is_reached=near)
@@ -196,7 +196,7 @@ def test_settling_ends_and_goals_stay_once_target_is_reached():
     assert trajectory.residuals == ()
 
 
-def test_joint_that_slips_late_in_settling_comes_to_rest():
+def test_joint_that_slips_late_during_settling_comes_to_rest():
     # as an elbow of an so101 was: 2 ticks off, held by friction for 2.9 s while its goal crept on
     trajectory = settle_with(lambda time_s: 2002 if time_s < 2.97 else 1998)
     assert trajectory.moving_joints == ()
@@ -204,7 +204,7 @@ def test_joint_that_slips_late_in_settling_comes_to_rest():
     assert trajectory.residuals
 
 
-def test_joint_sliding_over_its_target_has_not_settled():
+def test_joint_still_sliding_past_target_has_not_settled():
     # as a waist of a vx300s: held a tick beside it, let go, over it at 40 ticks a second
     at = iter([*[2002] * 2, *[2001] * 38, *[2000] * 4, *[1999] * 4, *[1998] * 900])
     trajectory = settle_with(lambda _: next(at))
@@ -221,7 +221,7 @@ def swing(ticks):
 
 
 @pytest.mark.parametrize(("ticks", "degrees"), [(12, "1.1"), (4, "0.4"), (3, "0.3")])
-def test_joint_that_keeps_swinging_is_reported_with_amplitude(ticks, degrees):
+def test_oscillating_joint_is_reported_with_its_amplitude(ticks, degrees):
     trajectory = settle_with(swing(ticks))
     assert trajectory.duration_s < 4.0
     assert trajectory.moving_joints == ("elbow",)
@@ -231,17 +231,17 @@ def test_joint_that_keeps_swinging_is_reported_with_amplitude(ticks, degrees):
     assert residual.endswith("° off, because no load presses its gears together")
 
 
-def test_noise_of_two_ticks_is_not_reported_as_swing():
+def test_noise_of_two_ticks_is_not_reported_as_oscillation():
     at = itertools.cycle([2000, 2001, 2000, 1999])
     trajectory = settle_with(lambda _: next(at))
     assert not any("swings" in each for each in trajectory.residuals)
 
 
-def test_joint_swinging_beyond_backlash_has_not_settled():
+def test_joint_oscillating_beyond_backlash_has_not_settled():
     assert settle_with(swing(60)).unsettled_joints == ("elbow",)
 
 
-def test_joint_pausing_at_turning_points_is_not_at_rest():
+def test_joint_pausing_between_oscillations_is_not_at_rest():
     # as a pan of an so101 whose rotor crossed the play: for 0.25 s each time
     trajectory = settle_with(lambda time_s: 2000 if int(time_s / 0.25) % 2 else 2008)
     assert trajectory.moving_joints == ("elbow",)
@@ -258,7 +258,7 @@ def swing_then_rest(joint, at, start_s):
     return sent, goals
 
 
-def test_sent_goal_moves_along_with_swinging_joint():
+def test_sent_goal_moves_with_oscillating_joint_to_damp_it():
     joint = creep(goal=2004)
     sent, goals = swing_then_rest(joint, 2009, 0.0)
     along, _ = np.polyfit([swing(12)(cycle * CYCLE_S) for cycle in range(60, 100)], sent[60:100], 1)
@@ -266,7 +266,7 @@ def test_sent_goal_moves_along_with_swinging_joint():
     assert len(set(goals[60:100])) == 1
 
 
-def test_torque_of_joint_is_kept_when_its_swing_ends():
+def test_sent_goal_does_not_jump_when_oscillation_ends():
     joint = creep(goal=2004)
     sent, goals = swing_then_rest(joint, 2009, 0.0)
     rested = next(cycle for cycle in range(100, 180) if goals[cycle] != goals[99])
@@ -274,7 +274,7 @@ def test_torque_of_joint_is_kept_when_its_swing_ends():
     assert abs(goals[rested] - goals[99]) > 2.0
 
 
-def test_swung_joint_is_corrected_twice_more_and_slower():
+def test_joint_that_oscillated_is_corrected_only_twice_more():
     joint, speeds = creep(), []
     for time_s in (0.0, 2.0, 4.0):
         _, goals = swing_then_rest(joint, round(joint.goal) - 10, time_s)
@@ -284,7 +284,7 @@ def test_swung_joint_is_corrected_twice_more_and_slower():
     assert joint.swings
 
 
-def test_joint_that_swung_and_creeps_past_target_is_not_reversed():
+def test_joint_that_oscillated_and_overshoots_is_not_reversed():
     joint = creep(goal=2004)
     swing_then_rest(joint, 1990, 0.0)
     goals = feed(joint, [*range(1990, 2005), *[2004] * 100], 2.0)
@@ -292,7 +292,7 @@ def test_joint_that_swung_and_creeps_past_target_is_not_reversed():
     assert goals[-1] == goals[-100]
 
 
-def test_late_swing_of_joint_is_reported_without_error():
+def test_late_oscillation_is_reported_without_error():
     def tick_at(time_s):
         swung = time_s < 1.0 or time_s > 5.2
         return swing(12)(time_s) if swung else 1990
@@ -303,12 +303,12 @@ def test_late_swing_of_joint_is_reported_without_error():
     assert "swings" in trajectory.residuals[0]
 
 
-def test_swinging_joint_without_target_keeps_its_goal():
+def test_oscillating_joint_without_target_keeps_its_goal():
     sent, _ = swing_then_rest(creep(wanted=None), 2009, 0.0)
     assert set(sent) == {2000.0}
 
 
-def test_goal_does_not_follow_jump_of_measured_position():
+def test_settling_goal_ignores_jump_of_measured_position():
     joint = creep()
     feed(joint, [1990] * 10)
     before = joint.goal_at(0.0)

@@ -59,7 +59,7 @@ def _height_m(shape, place):
 
 
 @pytest.mark.parametrize("name", GRIPPERS)
-def test_capsules_cover_all_jaws_at_every_opening(name):
+def test_collision_capsules_cover_jaws_at_every_opening(name):
     model, exact = load_model(name), Exact(name)
     space, random = (
         CollisionChecker(collision_body_with_gripper(model), DEEP_M),
@@ -82,7 +82,7 @@ def test_capsules_cover_all_jaws_at_every_opening(name):
 
 
 @pytest.mark.parametrize("name", GRIPPERS)
-def test_jaws_may_open_and_close_in_every_named_pose(name):
+def test_jaws_can_open_and_close_in_every_named_pose(name):
     model = load_model(name)
     space = CollisionChecker(collision_body_with_gripper(model), model.floor_m)
     for pose in model.poses:
@@ -120,7 +120,7 @@ def test_jaws_open_after_arm_has_moved_away_from_obstacle(arm):
 
 
 @pytest.mark.full
-def test_path_free_for_closed_jaws_is_refused_for_open_jaws(arm):
+def test_path_free_with_closed_jaws_is_refused_with_open_jaws(arm):
     arm.gripper("close")
     assert arm.move_joints({"shoulder_pan": -0.5}, speed="fast").reached
     assert arm.move_joints({"shoulder_pan": 0.0}, speed="fast").reached
@@ -150,7 +150,7 @@ def test_jaws_open_at_obstacle_without_collision_checks():
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["omx_f", "koch"])
-def test_jaws_open_and_close_after_limp_arm_has_sunk(name):
+def test_jaws_open_and_close_after_limp_arm_has_sagged(name):
     with ikservo.open_arm(name, port="sim") as arm:
         clock_of(arm).sleep_until(clock_of(arm).now_s() + 5.0)
         assert arm.gripper("open").reached

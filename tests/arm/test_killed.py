@@ -22,18 +22,18 @@ class DeadError(BaseException):
 
 @pytest.mark.full
 @few_or_many(7, 70)
-def test_joint_travels_at_most_60_ticks_after_program_dies(seeds, capsys):
+def test_joint_moves_at_most_60_ticks_after_program_is_killed(seeds, capsys):
     assert max(furthest(ARMS, seeds, 0, capsys).values()) <= MOST_TICKS
 
 
 @pytest.mark.full
 @few_or_many(6, 20)
-def test_loaded_joint_does_not_sink_after_program_dies(seeds, capsys):
+def test_loaded_joint_does_not_sink_after_program_is_killed(seeds, capsys):
     assert max(furthest(SUNK, seeds, 1, capsys).values()) <= MOST_TICKS
 
 
 @pytest.mark.parametrize("seeds", [campaign(70)])
-def test_joint_with_payload_travels_at_most_60_ticks(seeds, capsys):
+def test_joint_with_payload_moves_60_ticks_at_most_after_kill(seeds, capsys):
     assert max(furthest(ARMS, seeds, 1, capsys).values()) <= MOST_TICKS
 
 

@@ -22,19 +22,19 @@ def after(clock, seconds):
     return clock.now_s()
 
 
-def test_second_operator_is_refused_with_name_of_first(lease):
+def test_second_operator_is_refused_with_name_of_first_operator(lease):
     lease.acquire("ada on laptop")
     with pytest.raises(RefusedError, match="ada on laptop controls the arm"):
         lease.acquire("bob on desk")
 
 
-def test_a_released_lease_can_be_acquired_again(lease):
+def test_released_control_lease_can_be_acquired_again(lease):
     first = lease.acquire("ada")
     assert lease.release(first.lease)
     assert lease.acquire("bob").lease != first.lease
 
 
-def test_unknown_lease_releases_nothing(lease):
+def test_releasing_unknown_lease_changes_nothing(lease):
     lease.acquire("ada")
     assert not lease.release("00")
     assert lease.holder.operator == "ada"
@@ -45,7 +45,7 @@ def test_unknown_lease_releases_nothing(lease):
     [(6, 0.0, True), (6, 0.29, True), (6, 0.31, False), (5, 0.0, False), (4, 0.0, False),
      (6, -0.29, True), (6, -0.31, False)],
 )  # fmt: skip
-def test_setpoint_counts_if_newer_and_below_300_ms_old(lease, clock, number, age_s, counts):
+def test_setpoint_is_accepted_if_newer_and_under_300_ms_old(lease, clock, number, age_s, counts):
     held = lease.acquire("ada").lease
     now_s = after(clock, 10.0)
     assert lease.accept_setpoint(held, 5, now_s)
@@ -53,14 +53,14 @@ def test_setpoint_counts_if_newer_and_below_300_ms_old(lease, clock, number, age
     assert lease.dropped == (not counts)
 
 
-def test_setpoints_of_an_earlier_lease_are_dropped(lease, clock):
+def test_setpoints_sent_under_an_earlier_lease_are_dropped(lease, clock):
     old = lease.acquire("ada").lease
     lease.release(old)
     lease.acquire("ada")
     assert not lease.accept_setpoint(old, 1, clock.now_s())
 
 
-def test_dropped_setpoint_does_not_end_silence_of_lease(lease, clock):
+def test_dropped_setpoint_does_not_refresh_lease(lease, clock):
     held = lease.acquire("ada").lease
     after(clock, 0.5)
     lease.accept_setpoint(held, 1, clock.now_s() - 0.4)
@@ -73,7 +73,9 @@ def test_dropped_setpoint_does_not_end_silence_of_lease(lease, clock):
     ("own", "number", "age_s", "text"),
     [(False, 3, 0.0, "does not control"), (True, 2, 0.0, "repeated"), (True, 3, 0.4, "0.4 s")],
 )
-def test_lease_refuses_foreign_repeated_or_late_request(lease, clock, own, number, age_s, text):
+def test_control_lease_refuses_foreign_repeated_or_late_request(
+    lease, clock, own, number, age_s, text
+):
     held = lease.acquire("ada").lease
     now_s = after(clock, 1.0)
     lease.check_request(held, 2, now_s)
@@ -81,7 +83,7 @@ def test_lease_refuses_foreign_repeated_or_late_request(lease, clock, own, numbe
         lease.check_request(held if own else "ab", number, now_s - age_s)
 
 
-def test_motion_does_not_begin_under_a_lost_lease(lease):
+def test_motion_is_refused_after_loss_of_lease(lease):
     held = lease.acquire("ada").lease
     with lease.motion(held):
         assert lease.moving.operator == "ada"
@@ -92,7 +94,7 @@ def test_motion_does_not_begin_under_a_lost_lease(lease):
         pass
 
 
-def test_closed_lease_refuses_motions_and_operators(lease):
+def test_closed_control_lease_refuses_motions_and_operators(lease):
     held = lease.acquire("ada").lease
     lease.close()
     with pytest.raises(LeaseLostError), lease.motion(held):
@@ -101,7 +103,7 @@ def test_closed_lease_refuses_motions_and_operators(lease):
         lease.acquire("bob")
 
 
-def test_taking_over_ends_the_previous_lease(lease):
+def test_taking_over_control_ends_previous_lease(lease):
     first = lease.acquire("page 1").lease
     second = lease.acquire("page 2", take_over=True).lease
     assert (lease.is_held_by(first), lease.is_held_by(second)) == (False, True)
@@ -109,7 +111,7 @@ def test_taking_over_ends_the_previous_lease(lease):
     assert lease.holder.operator == "page 2"
 
 
-def test_only_the_holder_of_a_lease_ends_its_silence(lease, clock):
+def test_lease_can_only_be_refreshed_by_its_holder(lease, clock):
     assert lease.is_silent  # nobody was heard yet
     held = lease.acquire("page 1").lease
     after(clock, 0.29)
@@ -121,7 +123,7 @@ def test_only_the_holder_of_a_lease_ends_its_silence(lease, clock):
     assert not lease.is_silent
 
 
-def test_released_lease_stays_silent_and_refuses_refresh(lease, clock):
+def test_released_lease_cannot_be_refreshed(lease, clock):
     held = lease.acquire("page 1").lease
     lease.release(held)
     after(clock, 0.4)

@@ -26,7 +26,7 @@ def joint(arm):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
-def test_feetech_goal_speed_is_at_most_30_percent_above_class(sts, speed, deg_s):
+def test_feetech_goal_speed_is_at_most_1_3_times_motion_speed(sts, speed, deg_s):
     sts.move_joints({joint(sts): 0.05})
     sts.move_joints({joint(sts): 0.0}, speed=speed)
     ticks_s = deg_s * 4096 / 360
@@ -36,7 +36,7 @@ def test_feetech_goal_speed_is_at_most_30_percent_above_class(sts, speed, deg_s)
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
-def test_dynamixel_profile_is_at_most_30_percent_above_class(x_series, speed, deg_s):
+def test_dynamixel_profile_is_at_most_1_3_times_motion_speed(x_series, speed, deg_s):
     x_series.move_joints({joint(x_series): 0.05})
     x_series.move_joints({joint(x_series): 0.0}, speed=speed)
     counts = deg_s / 6 / 0.229
@@ -52,14 +52,14 @@ def test_feetech_speed_unit_of_50_steps_is_respected(sts):
     assert 27 <= line_of(sts).servos[1].read("goal_speed") <= 36
 
 
-def test_torque_limit_left_by_another_program_is_lifted(sts):
+def test_torque_limit_left_by_another_program_is_removed(sts):
     line_of(sts).servos[3].write("torque_limit", 100)
     sts.enable()
     assert registers(sts, "torque_limit") == registers(sts, "max_torque")
 
 
 @pytest.mark.full
-def test_watchdog_is_armed_only_while_goals_are_streamed(x_series):
+def test_servo_watchdog_is_active_only_while_goals_are_streamed(x_series):
     seen = []
 
     def check(_):
@@ -72,7 +72,7 @@ def test_watchdog_is_armed_only_while_goals_are_streamed(x_series):
     assert set(registers(x_series, "bus_watchdog").values()) == {0}
 
 
-def test_shoulder_that_would_sink_far_does_not_get_watchdog():
+def test_servo_watchdog_is_not_used_on_joint_that_would_sink():
     with ikservo.open_arm("wx250s", port="sim", collisions=False) as arm:
         seen = []
         arm.move_joints(
@@ -82,7 +82,7 @@ def test_shoulder_that_would_sink_far_does_not_get_watchdog():
         assert armed == [5, 0, 5]
 
 
-def test_lost_speed_register_is_reported_as_servo_reset(sts):
+def test_lost_profile_speed_is_reported_as_servo_reset(sts):
     def lose(progress):
         if progress.elapsed_s > 0.2:
             line_of(sts).servos[4].memory.put("goal_speed", 0)
@@ -91,7 +91,7 @@ def test_lost_speed_register_is_reported_as_servo_reset(sts):
         sts.move_joints({joint(sts): 0.8}, on_progress=lose)
 
 
-def test_soft_dynamixel_gains_are_raised_to_carry_the_arm(x_series):
+def test_low_dynamixel_gains_are_raised_to_carry_the_arm(x_series):
     x_series.enable()
     gains = [registers(x_series, f"position_{part}_gain") for part in "pid"]
     assert {tuple(gain[i] for gain in gains) for i in (3, 4, 5)} == {(1500, 0, 600)}
@@ -115,7 +115,7 @@ def test_far_reaching_arm_is_lifted_at_slow_speed(name, low, up):
         assert true_joints(arm)[joint] == pytest.approx(goal, abs=0.01)
 
 
-def test_time_based_profile_set_while_limp_is_noticed(x_series):
+def test_time_based_profile_set_with_torque_off_is_respected(x_series):
     x_series.enable()
     servo = line_of(x_series).servos[4]
     assert servo.read("profile_velocity") > 0

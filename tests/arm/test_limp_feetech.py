@@ -33,7 +33,7 @@ def test_torque_switched_off_by_a_callback_stays_off(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stop", ["stop", "hold_servos"])
-def test_stop_leaves_limp_arm_limp(arm, stop):
+def test_stop_does_not_switch_torque_of_limp_arm_on(arm, stop):
     arm.move_joints({"shoulder_pan": 0.1})
     arm.disable_torque()
     if stop == "stop":
@@ -44,7 +44,7 @@ def test_stop_leaves_limp_arm_limp(arm, stop):
 
 
 @pytest.mark.parametrize("servo_id", [1, 6])
-def test_torque_stays_off_everywhere_if_one_servo_falls_silent(arm, servo_id):
+def test_torque_stays_off_in_all_servos_if_one_is_silent(arm, servo_id):
     servo = line_of(arm).servos[servo_id]
     goal = servo.table.by_name["goal_position"].address
 

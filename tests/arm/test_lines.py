@@ -63,7 +63,7 @@ def test_line_plan_goal_duration_and_length_match_trajectory(ready):
     assert plan.path_m == pytest.approx(np.linalg.norm(plan.tip_m - begin_m), abs=1e-3)
 
 
-def test_line_plan_names_limiting_joints_and_near_limits(ready):
+def test_line_plan_lists_limiting_joints_and_limits_nearby(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     assert {words.split()[0] for words in plan.time_limiting_joints} <= set(ready.chain.names)
     assert all(near.margin < 0.2 for near in plan.near_limits)
@@ -77,7 +77,7 @@ def test_line_out_of_reach_moves_nothing(ready):
 
 
 @pytest.mark.full
-def test_line_through_unreachable_points_is_refused_at_start(ready):
+def test_line_through_unreachable_points_moves_nothing(ready):
     ready.move_to((0.0, 0.22, 0.15))
     before = registers(ready, "goal_position")
     with pytest.raises(CartesianPathError) as caught:
@@ -120,7 +120,7 @@ def test_invalid_waypoints_move_nothing(arm, points):
 
 
 @pytest.mark.full
-def test_plan_is_not_executed_from_another_pose(ready):
+def test_plan_is_refused_if_arm_is_not_at_its_start(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     ready.move_joints({"shoulder_pan": 0.4}, speed="fast")
     with pytest.raises(RefusedError, match="not at the start of the plan"):
@@ -128,7 +128,7 @@ def test_plan_is_not_executed_from_another_pose(ready):
 
 
 @pytest.mark.full
-def test_the_first_motion_after_torque_comes_on_is_slow(arm):
+def test_first_motion_after_torque_on_is_slow(arm):
     first = arm.plan_to((0.25, 0.05, 0.15), speed="fast")
     assert (first.speed, first.speed_reduced) == ("slow", True)
     arm.execute(first)
@@ -142,7 +142,7 @@ def test_first_motion_is_slow_if_torque_was_already_on(arm):
 
 
 @pytest.mark.full
-def test_holding_arm_need_not_begin_slowly_after_acknowledge(ready):
+def test_holding_arm_moves_at_normal_speed_after_acknowledge(ready):
     servos = line_of(ready).servos
     assert all(servo.read("torque_enable") for servo in servos.values())
     ready.acknowledge()  # as for a program that opens an arm that holds

@@ -42,7 +42,7 @@ def elbow_limit(arm, *q):
 
 
 @pytest.mark.full
-def test_line_takes_path_whose_goals_stay_inside_limits(wx250s):
+def test_line_posture_is_chosen_so_that_goals_respect_limits(wx250s):
     start, names = leaning(wx250s, 0.4), wx250s.chain.names
     wx250s.move_joints(dict(zip(names, start, strict=True)), speed="fast")
     end_m = wx250s.chain.forward(leaning(wx250s, 0.005))[:3, 3]
@@ -68,12 +68,12 @@ def px100():
     return plan
 
 
-def test_line_is_refused_if_gravity_needs_goals_beyond_limits(px100):
+def test_line_is_refused_if_sag_needs_goals_beyond_limits(px100):
     with pytest.raises(CartesianPathError, match=WEIGHT):
         px100(-2.109, 1.101)
 
 
-def test_line_is_not_refused_if_only_friction_needs_more_lead(px100):
+def test_line_is_accepted_if_only_friction_needs_more_lead(px100):
     plan, model = px100(-2.0943, 1.086), ikservo.load_model("px100")
     parameters = nominal_parameters(model, model.chain)
     joints = np.linspace(plan.start, plan.goal, 20)[:, :4]
@@ -81,18 +81,18 @@ def test_line_is_not_refused_if_only_friction_needs_more_lead(px100):
     assert limits_under_load(model.chain, parameters, joints) is not None
 
 
-def test_loaded_limit_is_unchanged_if_goals_stay_inside(wx250s):
+def test_limit_under_load_is_unchanged_if_goals_stay_inside(wx250s):
     assert elbow_limit(wx250s, leaning(wx250s, 0.1)) is None
 
 
-def test_loaded_limit_moves_inwards_by_the_lead_needed_there(wx250s):
+def test_limit_under_load_moves_inwards_by_needed_lead(wx250s):
     at_limit = leaning(wx250s, 0.0)
     moved = elbow_limit(wx250s, at_limit) - at_limit[wx250s.chain.names.index("elbow")]
     assert moved == pytest.approx(-lead_of_elbow(wx250s, at_limit))
     assert moved > 0.01
 
 
-def test_loaded_limit_leaves_room_for_friction_of_moving_joint(wx250s):
+def test_limit_under_load_leaves_room_for_friction_in_motion(wx250s):
     drive = nominal_parameters(wx250s.model, wx250s.chain).drives[2]
     least_rad = drive.friction_torque(0.0, 0.0) / drive.stiffness_nm_rad
     near, at_limit = leaning(wx250s, 0.02), leaning(wx250s, 0.0)
@@ -101,7 +101,7 @@ def test_loaded_limit_leaves_room_for_friction_of_moving_joint(wx250s):
     assert elbow_limit(wx250s, at_limit, near) < resting - least_rad
 
 
-def test_loaded_limit_ignores_motion_of_solver_rounding(wx250s):
+def test_limit_under_load_ignores_solver_rounding(wx250s):
     beside, at_limit = leaning(wx250s, 1e-9), leaning(wx250s, 0.0)
     resting = elbow_limit(wx250s, at_limit)
     assert elbow_limit(wx250s, beside, at_limit) == pytest.approx(resting, abs=1e-6)

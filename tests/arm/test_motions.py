@@ -70,12 +70,12 @@ EXAMPLES = (
 )
 
 
-def test_motion_examples_have_every_kind():
+def test_motion_examples_cover_every_motion_type():
     assert {type(each) for each in EXAMPLES} == {motion_kind(name) for name in motion_names()}
 
 
 @pytest.mark.parametrize("motion", EXAMPLES, ids=str)
-def test_motion_survives_json(motion):
+def test_motion_survives_conversion_to_json_and_back(motion):
     text = json.dumps(motion_fields(motion), allow_nan=False)
     read = parse_motion(json.loads(text))
     assert type(read) is type(motion)
@@ -87,11 +87,11 @@ def test_motion_json_omits_default_values():
 
 
 @pytest.mark.parametrize("motion", EXAMPLES, ids=str)
-def test_motion_text_is_shorter_than_80_characters(motion):
+def test_text_of_every_motion_is_shorter_than_80_characters(motion):
     assert 3 < len(str(motion)) < 80
 
 
-def test_equal_motions_compare_equal_and_copy_their_arrays():
+def test_motions_with_equal_fields_are_equal_and_copy_arrays():
     point_m = np.array(NEAR)
     motion = MoveTo(point_m)
     point_m[:] = 0.0
@@ -101,7 +101,7 @@ def test_equal_motions_compare_equal_and_copy_their_arrays():
     assert len({motion, MoveTo(NEAR), MoveTo(FAR)}) == 2
 
 
-def test_one_number_array_is_refused_as_list_of_points():
+def test_array_of_one_number_is_refused_as_list_of_points():
     for kind in (MoveThrough, Draw):
         with pytest.raises(BadValueError, match=r"list of points is array\(0\.5\)"):
             kind(np.array(0.5))
@@ -139,7 +139,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("kind", "fields"), MISTAKES)
-def test_motion_mistake_raises_same_error_in_python_and_json(kind, fields):
+def test_invalid_motion_raises_same_error_in_python_and_json(kind, fields):
     with pytest.raises(InputError) as made:
         kind(**fields)
     with pytest.raises(InputError) as read:
@@ -164,7 +164,7 @@ def test_motion_mistake_raises_same_error_in_python_and_json(kind, fields):
         ({"move_to": {"position_m": NEAR, "stance": {"keep": "yes"}}}, "keep"),
     ],
 )
-def test_motion_json_error_names_the_wrong_entry(value, named):
+def test_motion_json_error_names_invalid_key(value, named):
     with pytest.raises(InputError, match=named):
         parse_motion(value)
 
@@ -183,7 +183,7 @@ ANYTHING = st.recursive(
 
 
 @given(data=st.data(), motion=st.sampled_from(EXAMPLES))
-def test_motion_json_with_any_value_parses_or_is_input_error(data, motion):
+def test_motion_json_with_random_value_is_read_or_refused(data, motion):
     ((kind, fields),) = motion_fields(motion).items()
     name = data.draw(st.sampled_from([*motion_kind(kind).__dataclass_fields__, "other"]))
     with contextlib.suppress(InputError):
@@ -197,7 +197,7 @@ def arm():
 
 
 @pytest.mark.parametrize("motion", PLANNED, ids=str)
-def test_plan_keeps_its_motion_and_moves_nothing(arm, motion):
+def test_planning_a_motion_does_not_move_arm(arm, motion):
     arm.enable()
     before = registers(arm, "goal_position")
     plan = arm.plan(motion)
@@ -228,7 +228,7 @@ PATHS = [each for each in PLANNED if hasattr(each, "path_from")]
 
 
 @pytest.mark.parametrize("motion", PATHS, ids=str)
-def test_path_of_motion_begins_at_tip_and_has_right_derivatives(motion):
+def test_cartesian_path_starts_at_tip_with_right_derivatives(motion):
     tip_m = np.array([0.21, 0.0, 0.08])
     path = motion.path_from(tip_m)
     along = np.linspace(0.0, path.length, 4001)
@@ -246,7 +246,7 @@ def _middles(values):
     return (values[1:] + values[:-1]) / 2
 
 
-def test_execute_runs_a_motion_and_start_returns_at_once(arm):
+def test_execute_waits_for_motion_end_and_start_returns_at_once(arm):
     assert arm.execute(MoveTo(NEAR)).reached
     np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=2e-3)
     running = arm.start(MoveJoints({"wrist_roll": 0.4}))
@@ -264,7 +264,7 @@ def test_plan_refuses_motions_without_a_plan(arm, motion):
 
 
 @pytest.mark.parametrize("what", [None, NEAR, {"move_to": {"position_m": NEAR}}, MoveTo])
-def test_plan_execute_and_start_refuse_other_values(arm, what):
+def test_plan_execute_and_start_refuse_arguments_of_wrong_type(arm, what):
     for method in (arm.plan, arm.execute, arm.start):
         with pytest.raises(BadValueError):
             method(what)
@@ -272,7 +272,7 @@ def test_plan_execute_and_start_refuse_other_values(arm, what):
 
 
 @pytest.mark.full
-def test_plan_of_limp_arm_is_made_again_from_its_motion():
+def test_plan_of_limp_arm_is_recomputed_from_its_motion():
     with ikservo.open_arm("so101", port="sim") as limp:
         plan = limp.plan(MovePose("home"))
         assert plan.limp_arm is not None
@@ -280,7 +280,7 @@ def test_plan_of_limp_arm_is_made_again_from_its_motion():
         assert limp.plan(MoveTo(NEAR)).limp_arm is None
 
 
-def test_motion_is_immutable_and_changed_by_copy():
+def test_motion_is_immutable_and_replace_returns_changed_copy():
     motion = MoveTo(NEAR)
     assert replace(motion, speed="slow") == MoveTo(NEAR, speed="slow") == motion.with_speed("slow")
     assert Wait(1.0).with_speed("slow") == Wait(1.0)
@@ -300,7 +300,7 @@ def test_motion_is_immutable_and_changed_by_copy():
         (lambda arm: arm.pose("zero"), "plan_to_joints"),
     ],
 )
-def test_planner_call_stack_contains_no_closures(arm, monkeypatch, move, planned_by):
+def test_planner_is_called_without_closures(arm, monkeypatch, move, planned_by):
     names = []
 
     def note(*_args, **_options):

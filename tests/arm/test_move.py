@@ -39,7 +39,7 @@ def test_every_arm_reaches_its_target_within_2_mm(name):
     assert report.reached
 
 
-def test_move_report_equals_the_servo_registers(arm):
+def test_move_report_equals_values_of_servo_registers(arm):
     report = arm.move_to(NEAR)
     np.testing.assert_allclose(report.measured_tip_m, true_tip_m(arm), atol=1e-9)
     assert report.error_m == pytest.approx(float(np.linalg.norm(true_tip_m(arm) - np.array(NEAR))))
@@ -68,7 +68,7 @@ def test_enabling_an_arm_that_holds_keeps_its_goals(arm):
 
 
 @pytest.mark.full
-def test_second_move_starts_from_the_first(arm):
+def test_second_move_starts_where_first_one_ended(arm):
     arm.move_to(NEAR)
     report = arm.move_to((0.22, -0.02, 0.12), speed="fast")
     assert report.reached
@@ -76,7 +76,7 @@ def test_second_move_starts_from_the_first(arm):
 
 
 @pytest.mark.full
-def test_move_to_present_point_reaches_it(arm):
+def test_move_to_present_point_succeeds(arm):
     here = arm.move_to(NEAR).measured_tip_m
     assert arm.move_to(here).reached
 
@@ -88,7 +88,7 @@ def test_slow_speed_takes_twice_as_long_as_fast(arm):
 
 
 @pytest.mark.full
-def test_unreachable_point_moves_nothing_and_offers_nearest():
+def test_unreachable_point_error_suggests_nearest_point():
     with ikservo.open_arm("so101", port="sim:?pose=zero") as arm:  # stretched, as it will be there
         before = registers(arm, "goal_position")
         with pytest.raises(UnreachableError, match="Nearest reachable point") as caught:
@@ -173,7 +173,7 @@ def test_move_joints_refuses_position_beyond_limit(arm, position):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_zero_and_rest_pose_of_every_arm_can_be_planned(name):
+def test_motion_to_zero_and_rest_pose_can_be_planned(name):
     model = ikservo.load_model(name)
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:
         for pose in ("zero", "rest"):
@@ -217,7 +217,7 @@ def test_relax_plans_around_obstacles_via_home_pose():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "px100"])
-def test_arm_that_falls_at_torque_on_is_caught_and_moves_on(name):
+def test_arm_that_sags_at_torque_on_still_completes_motion(name):
     dice = seeded(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
         for driven in servo_group(arm).driven_joints:

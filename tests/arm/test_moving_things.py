@@ -73,7 +73,7 @@ def move_past_box(case, *, replan):
 
 @pytest.mark.full
 @pytest.mark.parametrize("case", range(CASES))
-def test_arm_goes_around_box_that_is_moved_into_its_path(case):
+def test_arm_avoids_box_moved_into_its_path(case):
     near_m, error, stop = move_past_box(case, replan=True)
     assert near_m > 0.0
     assert error is None
@@ -81,14 +81,14 @@ def test_arm_goes_around_box_that_is_moved_into_its_path(case):
 
 
 @pytest.mark.campaign
-def test_arm_never_touches_boxes_that_are_moved_into_its_path():
+def test_arm_never_touches_boxes_moved_into_its_path():
     ends = [move_past_box(case, replan=True) for case in range(CAMPAIGN_CASES)]
     assert min(near_m for near_m, _, _ in ends) > 0.0
     assert sum(error is None for _, error, _ in ends) >= 0.95 * CAMPAIGN_CASES
 
 
 @pytest.mark.full
-def test_arm_stops_before_box_if_it_may_not_replan():
+def test_arm_stops_before_moved_box_if_replanning_is_off():
     near_m, error, stop = move_past_box(0, replan=False)
     assert near_m > 0.0
     assert isinstance(error, StoppedError)
@@ -97,7 +97,7 @@ def test_arm_stops_before_box_if_it_may_not_replan():
 
 
 @pytest.mark.full
-def test_stop_by_user_ends_motion_that_replans():
+def test_stop_by_user_ends_replanning_motion():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.scene.add("box", "the box", center_m=ASIDE_M, size_m=(0.03, 0.03, 0.2))
         seen = []

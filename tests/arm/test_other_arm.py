@@ -60,7 +60,7 @@ def distance_m(one, another):
     return float((segment_distance(a[i], b[i], c[j], d[j]) - r[i] - s[j]).min())
 
 
-def test_error_names_other_arm_in_the_path(arms):
+def test_collision_error_names_second_arm_in_path(arms):
     arm, other = arms
     assert (arm.scene.names, other.scene.names) == (("the koch",), ("so101",))
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):
@@ -74,7 +74,7 @@ def test_error_names_other_arm_in_the_path(arms):
 
 
 @pytest.mark.full
-def test_plan_leads_around_the_other_arm(arms):
+def test_plan_avoids_second_arm(arms):
     arm, other = arms
     T = make_pose(BESIDE_M, rotation_rpy(0.0, 0.0, math.pi))
     plan, nearest_m = arm.plan_to(RIGHT), []
@@ -88,7 +88,7 @@ def test_plan_leads_around_the_other_arm(arms):
 
 
 @pytest.mark.full
-def test_plan_is_refused_if_other_arm_moved_into_its_path(arms):
+def test_plan_is_refused_if_second_arm_moved_into_path(arms):
     arm, other = arms
     other.move_to(ASIDE)
     plan = arm.plan_to(RIGHT, straight=True)
@@ -116,7 +116,7 @@ def test_only_one_of_two_arms_moves_at_a_time(arms):
 
 
 @pytest.mark.full
-def test_other_arm_in_second_thread_is_refused_without_waiting(arms):
+def test_motion_is_refused_while_other_thread_moves_second_arm(arms):
     arm, other = arms
     begun, go_on, reports = threading.Event(), threading.Event(), []
 
@@ -143,7 +143,7 @@ def things_around(arm):
 
 
 @pytest.mark.full
-def test_limp_other_arm_is_measured_where_it_was_put(arms):
+def test_limp_second_arm_is_avoided_where_it_was_moved_to(arms):
     arm, other = arms
     other.disable_torque()
     pan = other.joint_names[0]
@@ -159,7 +159,7 @@ def test_limp_other_arm_is_measured_where_it_was_put(arms):
 
 
 @pytest.mark.campaign
-def test_closed_other_arm_stays_an_obstacle_where_it_was(arms):
+def test_closed_second_arm_stays_an_obstacle(arms):
     arm, other = arms
     other.close()
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):
@@ -169,7 +169,7 @@ def test_closed_other_arm_stays_an_obstacle_where_it_was(arms):
     assert arm.move_to(RIGHT, straight=True).reached
 
 
-def test_reopened_arm_takes_over_its_place_in_the_scene(arms):
+def test_reopened_arm_keeps_its_placement_in_scene(arms):
     arm, other = arms
     before = other.scene
     other.close()
@@ -198,7 +198,7 @@ def test_reopened_arm_takes_over_its_place_in_the_scene(arms):
         arm.stop()
 
 
-def test_place_of_other_arm_changes_in_both_scenes(arms):
+def test_placement_of_second_arm_changes_in_both_scenes(arms):
     arm, other = arms
     with pytest.raises(CollisionError, match="would touch the koch's gripper"):
         arm.move_to(RIGHT, straight=True)
@@ -223,7 +223,7 @@ def test_scene_file_with_arm_that_is_not_open_is_refused(arms, tmp_path):
 
 
 @pytest.mark.campaign
-def test_other_arm_that_cannot_be_measured_refuses_motions(arms):
+def test_motion_is_refused_if_second_arm_is_unmeasurable(arms):
     arm, other = arms
     inject(other, "unplug", after_s=0.0)
     with suppress(ikservo.PortLostError):
@@ -238,7 +238,7 @@ def test_other_arm_that_cannot_be_measured_refuses_motions(arms):
 
 
 @pytest.mark.full
-def test_stop_of_either_arm_is_never_refused(arms):
+def test_stop_of_either_of_two_arms_is_never_refused(arms):
     arm, other = arms
 
     def stop(_):
@@ -287,7 +287,7 @@ def near_goal(arm, others_links, random):
 @pytest.mark.campaign
 @few_or_many(1, 25)
 @pytest.mark.parametrize("names", [("so101", "koch"), ("open_manipulator_x", "so101")])
-def test_two_arms_in_turn_never_touch(capsys, names, seeds):
+def test_two_arms_moving_in_turn_never_touch(capsys, names, seeds):
     """Each goes to random postures in turn; true links are compared in each cycle of both."""
     nearest_m, moved, refused = [], 0, 0
     for seed in seeds:
@@ -324,14 +324,14 @@ def test_two_arms_in_turn_never_touch(capsys, names, seeds):
     assert min(nearest_m) > 0.0
 
 
-def test_scene_belongs_to_same_arm_on_same_adapter_only():
+def test_scenes_are_of_same_arm_only_with_same_adapter():
     with ikservo.open_arm("koch", port="sim") as one, ikservo.open_arm("koch", port="sim") as other:
         assert one.scene.is_of_same_arm(other.scene)
         other.scene._context = replace(other.context, serial_number="58FA083")
         assert not one.scene.is_of_same_arm(other.scene)
 
 
-def test_placed_arm_is_saved_by_own_file_or_catalogue_name(arms, tmp_path):
+def test_placed_arm_is_saved_by_arm_file_or_catalogue_name(arms, tmp_path):
     arm, other = arms
     assert arm.scene.arms[0].placed.arm == "koch"
     shutil.copytree(other.model.path.parent, tmp_path / "mine")

@@ -109,7 +109,7 @@ def test_overload_warning_comes_2_s_before_servo_trips():
 
 
 @pytest.mark.full
-def test_overloaded_stream_reduces_load_in_time_and_resumes():
+def test_overloaded_follow_reduces_load_before_servo_trips():
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         arm.pose("home")
         pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=True)
@@ -125,7 +125,7 @@ def test_overloaded_stream_reduces_load_in_time_and_resumes():
 
 @pytest.mark.full
 @pytest.mark.parametrize("protection_current", [511, 250])
-def test_overload_warning_follows_protection_current(protection_current):
+def test_overload_warning_depends_on_protection_current(protection_current):
     """250 counts, 1.6 A, are what LeRobot writes into grippers: less than 80 % of the output."""
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         for servo in line_of(arm).servos.values():
@@ -165,13 +165,13 @@ def tour(seed):
 
 
 @pytest.mark.full
-def test_normal_tour_does_not_give_overload_warning():
+def test_ordinary_motions_give_no_overload_warning():
     assert tour(0) == []
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_100_normal_tours_do_not_give_overload_warning(capsys):
+def test_100_ordinary_motion_tours_give_no_overload_warning(capsys):
     seeds = part_of(100)
     warnings = {seed: warned for seed in seeds if (warned := tour(seed))}
     log(capsys, f"{len(seeds)} tours, warnings in {sorted(warnings)}")

@@ -25,7 +25,7 @@ class Unchecked(Wave):
     joints: list = ()
 
 
-def test_user_defined_motion_takes_fields_of_plain_types():
+def test_user_defined_motion_accepts_fields_of_basic_types():
     assert Wave(times=2, angle_rad=1).times == 2
 
 
@@ -35,6 +35,6 @@ def test_user_defined_motion_refuses_field_of_wrong_type(fields):
         Wave(**fields)
 
 
-def test_user_defined_motion_needs_types_that_are_checked():
+def test_user_defined_motion_needs_checkable_field_types():
     with pytest.raises(TypeError, match=r"Unchecked\.joints needs an annotated type"):
         Unchecked()

@@ -53,7 +53,7 @@ def test_line_ends_within_2_or_4_mm_before_settling(name):
 
 
 @pytest.mark.full
-def test_stribeck_friction_does_not_make_lifting_joint_swing(monkeypatch):
+def test_stribeck_friction_causes_no_oscillation_of_lifted_joint(monkeypatch):
     # an XL330 that lifted the forearm of a Koch swung by a degree to both sides of its path
     with ikservo.open_arm("koch", port="sim:?pose=home&backlash_deg=0.5&seed=1") as arm:
         column = arm.joint_names.index("elbow_flex")
@@ -84,7 +84,7 @@ def test_joint_lifts_payload_of_its_arm_file_at_slow_speed():
 
 
 @pytest.mark.full
-def test_sagged_joint_is_lifted_below_87_percent_of_max_lead():
+def test_sagged_joint_is_lifted_with_under_87_percent_of_lead():
     # the elbow of this Koch was taken for blocked when it had just broken loose
     shares = list[float]()
     dice = seeded(3)

@@ -56,7 +56,7 @@ def test_upright_constraint_is_kept_around_a_block():
 
 
 @pytest.mark.full
-def test_straight_path_out_of_box_is_replaced_by_one_inside(ready):
+def test_path_leaving_allowed_box_is_replaced_by_one_inside(ready):
     plan = ready.plan_to(RIGHT, within=NEAR)
     assert "outside the allowed box" in plan.around
     tips_m = poses_along(ready, plan)[:, :3, 3]
@@ -65,7 +65,7 @@ def test_straight_path_out_of_box_is_replaced_by_one_inside(ready):
     assert ready.move_to(RIGHT, within=NEAR).reached
 
 
-def test_joint_space_line_is_used_if_only_it_keeps_upright():
+def test_joint_space_line_is_used_if_it_alone_keeps_upright():
     start = np.array([-0.2515, -1.4615, 0.1516, 0.4753, 0.0])
     goal = MoveJoints(
         {"joint1": 1.2202, "joint2": -0.6933, "joint3": 0.7451, "joint4": -1.0425},
@@ -83,7 +83,7 @@ def test_joint_space_line_is_used_if_only_it_keeps_upright():
         assert along_rad == pytest.approx(np.linalg.norm(joints[-1] - joints[0]), rel=1e-6)
 
 
-def test_path_constraint_error_names_excess_and_place(ready):
+def test_path_constraint_error_names_size_and_place_of_excess(ready):
     before = registers(ready, "goal_position")
     with pytest.raises(ConstraintError, match=r"the tip|The tip") as refused:
         ready.move_to(RIGHT, straight=True, within=NEAR)
@@ -101,7 +101,7 @@ def test_path_constraint_error_names_excess_and_place(ready):
 
 
 @pytest.mark.full
-def test_line_plan_reports_constraint_it_keeps(ready):
+def test_line_plan_reports_path_constraint(ready):
     plan = ready.plan_line((0.2, 0.0, 0.1), within=UPRIGHT)
     assert tilts_deg(poses_along(ready, plan)).max() <= 10.1
     assert plan.kept
@@ -121,7 +121,7 @@ WHOLE = PathConstraint(
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_path_constraint_check_finds_breaks_between_samples(name):
+def test_path_constraint_violation_between_samples_is_found(name):
     chain, tool = tool_of(name, WHOLE, np.zeros(ikservo.load_model(name).chain.dof))
     random, broken = np.random.default_rng(4), 0
     for _ in range(60):
@@ -141,7 +141,7 @@ def test_path_constraint_check_finds_breaks_between_samples(name):
     assert 0 < broken < 50
 
 
-def test_projection_keeps_path_constraint_and_tip_point():
+def test_constraint_projection_keeps_constraint_and_tip_point():
     chain, tool = tool_of("wx250s", WHOLE, np.zeros(6))
     random, found = np.random.default_rng(5), 0
     for q in random.uniform(-0.8, 0.8, (20, 6)):
@@ -174,7 +174,7 @@ def test_invalid_path_constraint_is_refused(wrong):
         PathConstraint(**wrong)
 
 
-def test_path_constraint_is_a_field_of_motions():
+def test_path_constraint_is_serialised_with_motion():
     with pytest.raises(BadValueError, match="within"):
         MoveTo(LEFT, within=10.0)
     for motion in (MoveTo(LEFT, within=WHOLE), MoveLine(LEFT, within=UPRIGHT), MoveTo(LEFT)):
@@ -182,7 +182,7 @@ def test_path_constraint_is_a_field_of_motions():
 
 
 @needs_extension
-def test_compiled_and_python_projection_are_identical(monkeypatch):
+def test_compiled_constraint_projection_equals_python_code(monkeypatch):
     start, q = np.zeros(6), np.array([0.4, -0.3, 0.5, 0.2, -0.6, 0.1])
     point_m = np.array([0.25, 0.05, 0.2])
     _, tool = tool_of("wx250s", WHOLE, start)
@@ -195,7 +195,7 @@ def test_compiled_and_python_projection_are_identical(monkeypatch):
 
 
 @pytest.mark.parametrize("length", [1e200, 1e7, 1e-9])
-def test_constraint_direction_of_extreme_length_is_refused(length):
+def test_path_constraint_direction_of_extreme_length_is_refused(length):
     with pytest.raises(BadValueError):
         PathConstraint(above_m=(0.0, 0.0, 0.1), normal=(0.0, 0.0, length))
     with pytest.raises(BadValueError):

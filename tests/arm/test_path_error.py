@@ -31,7 +31,7 @@ def test_path_error_beyond_an_end_is_distance_to_that_end():
     np.testing.assert_allclose(found, [0.01, 0.01])
 
 
-def test_path_error_ignores_later_branch_of_crossing_path():
+def test_path_error_ignores_later_part_of_self_crossing_path():
     back = np.concatenate([LINE_M, LINE_M[::-1] + np.array([0.0, 0.05, 0.0])])
     times_s = np.linspace(0.0, 4.02, len(back))
     on_the_way_back = np.array([[0.1, 0.05, 0.0]])

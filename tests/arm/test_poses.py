@@ -41,24 +41,24 @@ def test_pose_file_has_degrees_for_turns_and_metres_for_slides(poses):
     assert "gripper = 0.012" in text
 
 
-def test_pose_library_includes_poses_of_the_arm_file(poses, model):
+def test_saved_poses_include_poses_of_arm_file(poses, model):
     assert poses.get_pose("home") == model.poses["home"]
     assert set(poses.all_poses()) == {"rest", "home", "zero"}
 
 
-def test_saving_second_pose_keeps_the_first(poses):
+def test_saving_second_pose_keeps_first_pose(poses):
     poses.save("cup", CUP)
     poses.save("plate", {**CUP, "joint1": 0.5})
     assert set(poses.user_poses()) == {"cup", "plate"}
 
 
-def test_pose_saved_again_replaces_the_old_one(poses):
+def test_pose_saved_again_replaces_old_pose(poses):
     poses.save("cup", CUP)
     poses.save("cup", {**CUP, "joint1": 0.5})
     assert poses.get_pose("cup")["joint1"] == pytest.approx(0.5, abs=1e-5)
 
 
-def test_each_adapter_has_its_own_poses(poses, model):
+def test_poses_are_stored_per_adapter(poses, model):
     poses.save("cup", CUP)
     assert PoseLibrary(model, "OTHER").user_poses() == {}
 
@@ -79,7 +79,7 @@ def test_invalid_pose_name_is_refused(poses, name):
 
 
 @pytest.mark.parametrize("name", ["rest", "home", "zero"])
-def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
+def test_pose_of_arm_file_cannot_be_replaced(poses, name):
     with pytest.raises(BadValueError, match="pose of the arm file"):
         poses.save(name, CUP)
 
@@ -98,7 +98,7 @@ def test_a_pose_of_the_arm_file_is_not_replaced(poses, name):
         ("", "empty"),
     ],
 )
-def test_error_names_damaged_pose_file_and_keeps_it(poses, text, found):
+def test_damaged_pose_file_is_reported_and_kept(poses, text, found):
     poses.path.parent.mkdir(parents=True)
     poses.path.write_text(text)
     with pytest.raises(FileFormatError, match=found):
@@ -126,7 +126,7 @@ def test_failed_pose_write_raises_file_write_error(poses, monkeypatch):
     monkeypatch.undo()
 
 
-def test_pose_completion_offers_poses_of_every_adapter(poses, model):
+def test_shell_completion_offers_poses_of_every_adapter(poses, model):
     poses.save("cup", CUP)
     PoseLibrary(model, "").save("plate", CUP)
     assert known_pose_names(model) == ["cup", "home", "plate", "rest", "zero"]
@@ -136,7 +136,7 @@ def test_pose_file_is_named_by_arm_and_adapter(home):
     assert pose_path("so101", "58FA083") == home / "poses" / "so101-58FA083.toml"
 
 
-def test_teach_saves_present_joints_with_torque_off():
+def test_teach_saves_measured_joints_of_limp_arm():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         positions = arm.teach("here")
         assert arm.poses.get_pose("here") == pytest.approx(positions, abs=1e-5)
@@ -144,7 +144,7 @@ def test_teach_saves_present_joints_with_torque_off():
         assert not any(state.torque for state in arm.where().joints)
 
 
-def test_teach_switches_torque_off_while_arm_is_carried():
+def test_teach_switches_torque_off_for_hand_guiding():
     with ikservo.open_arm("so101", port="sim:?pose=rest") as arm:
         arm.hold()
         seen = []
@@ -159,7 +159,7 @@ def test_teach_switches_torque_off_while_arm_is_carried():
         assert all(state.torque for state in arm.where().joints)
 
 
-def test_teach_refuses_bad_name_before_arm_is_carried():
+def test_teach_refuses_invalid_name_before_torque_goes_off():
     with ikservo.open_arm("so101", port="sim") as arm:
         with pytest.raises(BadValueError):
             arm.teach("../x", lambda: pytest.fail("the person was asked"))

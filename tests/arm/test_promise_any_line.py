@@ -17,7 +17,7 @@ TRAVEL_TICKS = 60  # what a dead program leaves, too
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("most", [4, pytest.param(33, marks=pytest.mark.campaign)])
 @pytest.mark.timeout(1800)
-def test_failure_of_any_control_loop_line_makes_arm_hold(name, most, capsys):
+def test_exception_in_any_control_loop_line_makes_arm_hold(name, most, capsys):
     places = loop_of(name)
     tried = [places[i] for i in part_of(len(places))][:: len(places) // most]
     for place, hits in tried:

@@ -19,7 +19,7 @@ PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("most", [6, pytest.param(None, marks=pytest.mark.campaign)])
 @pytest.mark.timeout(0)
-def test_motion_survives_pause_between_any_two_cycle_lines(name, most, capsys):
+def test_motion_survives_pause_at_any_line_of_control_cycle(name, most, capsys):
     places = cycle_of(name)
     tried = [places[i] for i in part_of(len(places))]
     if most:

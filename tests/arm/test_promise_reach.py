@@ -13,13 +13,13 @@ A_HUNDRED = 100  # targets a seed
 
 
 @pytest.mark.parametrize("name", ["so101", "planar2", "vx300s"])
-def test_unreached_target_is_flagged(name, capsys):
+def test_report_flags_target_that_was_not_reached(name, capsys):
     check_targets(name, range(1), capsys)
 
 
 @pytest.mark.parametrize("seeds", [campaign(100)])
 @pytest.mark.parametrize("name", ARMS)
-def test_every_unreached_target_of_10000_per_arm_is_flagged(name, seeds, capsys):
+def test_report_flags_every_unreached_target_of_10000_per_arm(name, seeds, capsys):
     check_targets(name, seeds, capsys)
 
 

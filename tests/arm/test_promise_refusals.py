@@ -56,7 +56,7 @@ class Packets:
 
 
 @few_or_many(1, 1000)
-def test_refused_python_command_does_not_send_packets(arm, seeds, capsys):
+def test_refused_method_call_sends_no_packets(arm, seeds, capsys):
     packets = Packets(line_of(arm))
     for seed in seeds:
         dice = seeded(seed)
@@ -125,7 +125,7 @@ WORDS = ["nan", "inf", "-inf", "1e308", "far", "1,5", "", "0x10", "1e9", "--"]
 
 
 @few_or_many(3, 300)
-def test_refused_shell_command_does_not_write_to_servos(seeds, capsys, monkeypatch):
+def test_refused_command_writes_nothing_to_servos(seeds, capsys, monkeypatch):
     opened_lines = []
     change_bus(monkeypatch, lambda line: opened_lines.append(Written(line)))
     for seed in seeds:

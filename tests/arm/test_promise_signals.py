@@ -18,7 +18,7 @@ STANDS_S = 0.3
 
 @pytest.mark.full
 @few_or_many(6, 30)
-def test_arm_stands_still_and_holds_within_300_ms_of_any_signal(seeds, capsys):
+def test_arm_stops_and_holds_within_300_ms_of_any_signal(seeds, capsys):
     slowest_s = 0.0
     for seed in seeds:
         number, name = SIGNALS[seed % 3], FAMILIES[seed // 3 % 2]

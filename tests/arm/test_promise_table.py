@@ -60,7 +60,7 @@ def campaign(name, speed, count, seed, *, loaded=False):
 
 
 @pytest.mark.full
-def test_true_body_stays_above_table_on_accepted_paths():
+def test_true_arm_stays_above_table_on_accepted_paths():
     lowest_m, _ = campaign("so101", "normal", 6, seed=5)
     assert len(lowest_m) >= 3
     assert lowest_m.min() > -DEEP_M
@@ -70,7 +70,7 @@ def test_true_body_stays_above_table_on_accepted_paths():
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("speed", ["normal", "fast"])
 @pytest.mark.parametrize("name", ["so101", "so100", "koch", "omx_f", "px100", "wx250s", "vx300s"])
-def test_true_body_stays_above_table_on_many_paths(name, speed):
+def test_true_arm_stays_above_table_on_many_paths(name, speed):
     lowest_m, _ = campaign(name, speed, 20, seed=7)
     assert lowest_m.min() > -DEEP_M
 

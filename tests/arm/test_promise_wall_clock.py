@@ -25,7 +25,7 @@ DATED = {  # recorded packets and messages of ROS 2 bear the date
 
 
 @pytest.mark.full
-def test_product_code_does_not_measure_time_by_wall_clock():
+def test_source_code_does_not_measure_time_by_wall_clock():
     found = {str(path.relative_to(PRODUCT)) for path in PRODUCT.rglob("*.py") if asks(path)}
     assert found == DATED
 

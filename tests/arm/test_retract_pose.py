@@ -28,14 +28,14 @@ def folded():
 
 
 @pytest.mark.full
-def test_folded_arm_goes_to_target_via_a_free_pose(folded):
+def test_folded_arm_reaches_target_via_retract_pose(folded):
     plan = folded.plan_to(TARGET_M)
     assert plan.via_pose
     assert folded.execute(plan).reached
     np.testing.assert_allclose(true_tip_m(folded), TARGET_M, atol=2e-3)
 
 
-def test_plan_via_retract_pose_covers_both_parts(folded):
+def test_plan_via_retract_pose_contains_both_motions(folded):
     plan, first = folded.plan_to(TARGET_M), folded.plan_joints(folded.model.pose("home"))
     assert plan.duration_s > first.duration_s
     assert plan.path_m > first.path_m
@@ -44,7 +44,7 @@ def test_plan_via_retract_pose_covers_both_parts(folded):
 
 
 @pytest.mark.campaign
-def test_plan_from_free_arm_does_not_use_retract_pose(folded):
+def test_plan_of_collision_free_arm_does_not_use_retract_pose(folded):
     folded.pose("home")
     with pytest.raises(RefusedError, match="would touch the table"):
         folded.move_joints({"shoulder_lift": 1.5, "elbow_flex": 0.0, "wrist_flex": 0.0})
@@ -52,7 +52,7 @@ def test_plan_from_free_arm_does_not_use_retract_pose(folded):
 
 
 @pytest.mark.full
-def test_folded_arm_refuses_target_in_contact(folded):
+def test_folded_arm_refuses_target_in_collision(folded):
     before = registers(folded, "goal_position")
     with pytest.raises(RefusedError, match="would touch"):
         folded.move_to((0.25, 0.0, -0.05))

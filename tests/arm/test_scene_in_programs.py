@@ -19,7 +19,7 @@ def arm():
         yield arm
 
 
-def test_scene_thing_blocks_paths_until_it_is_removed(arm):
+def test_scene_object_blocks_paths_until_removed(arm):
     before = arm.plan_to(RIGHT)
     arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
     assert arm.scene.names == ("the post",)
@@ -33,7 +33,7 @@ def test_scene_thing_blocks_paths_until_it_is_removed(arm):
 
 
 @pytest.mark.full
-def test_held_thing_is_checked_with_the_arm_until_gripper_opens(arm):
+def test_held_object_is_collision_checked_until_gripper_opens(arm):
     tip_m = arm.where().tip_m
     arm.scene.add("sphere", "the ball", centre_m=tip_m + np.array([0.0, 0.0, 0.01]), radius_m=0.03)
     free_m = arm.clearance_m(arm.where().positions)
@@ -55,7 +55,7 @@ def test_held_thing_is_checked_with_the_arm_until_gripper_opens(arm):
 
 
 @pytest.mark.full
-def test_attached_thing_keeps_its_size_and_place(arm):
+def test_attached_object_keeps_its_size_and_place(arm):
     centre_m, size_m = arm.where().tip_m, (0.03, 0.05, 0.08)
     arm.scene.add("box", "the block", centre_m=centre_m, size_m=size_m, rpy_deg=(10, 20, 30))
     (stands,) = arm.scene.things
@@ -95,7 +95,7 @@ def test_invalid_scene_change_is_refused_and_changes_nothing(arm, tmp_path):
         ("box", {"size_m": (0.01, 1.04, 0.01)}),
     ],
 )
-def test_attach_refuses_things_of_every_shape_above_1_m(arm, kind, sizes):
+def test_attach_refuses_object_above_1_m_of_any_shape(arm, kind, sizes):
     arm.scene.add(kind, "the thing", centre_m=(0.3, 0.0, 2.0), **sizes)
     with pytest.raises(BadValueError, match="at most 1 m"):
         arm.scene.attach("the thing")
@@ -113,7 +113,7 @@ def in_another_thread(action):
 
 
 @pytest.mark.full
-def test_plan_uses_one_scene_while_another_thread_changes_it(arm):
+def test_plan_uses_scene_snapshot_while_other_thread_edits_it(arm):
     free, done = arm.plan_to(RIGHT, straight=True), threading.Event()
     ball = {"centre_m": arm.where().tip_m, "radius_m": 0.02}
 
@@ -144,7 +144,7 @@ def test_plan_uses_one_scene_while_another_thread_changes_it(arm):
     assert arm.plan_to(RIGHT, straight=True).clearance_m == free.clearance_m
 
 
-def test_thing_added_while_planning_refuses_the_motion(monkeypatch, arm):
+def test_object_added_during_planning_makes_motion_refused(monkeypatch, arm):
     before = registers(arm, "goal_position")
 
     def build():
@@ -157,7 +157,7 @@ def test_thing_added_while_planning_refuses_the_motion(monkeypatch, arm):
 
 
 @pytest.mark.full
-def test_scene_change_waits_until_jaws_have_moved(monkeypatch, arm):
+def test_scene_change_waits_for_end_of_jaw_motion(monkeypatch, arm):
     threads, centre_m = [], arm.where().tip_m
 
     def build():

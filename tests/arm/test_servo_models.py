@@ -35,13 +35,13 @@ def planar_arm_of(tmp_path):
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("model", OF_ONE_SERIES_EACH)
-def test_arm_of_each_servo_series_moves_to_a_point(planar_arm_of, model):
+def test_arm_with_each_servo_series_moves_to_a_point(planar_arm_of, model):
     with ikservo.open_arm(planar_arm_of(model), "sim") as arm:
         report = arm.move_to([0.15, 0.1, 0.05])
         assert report.reached
         assert arm.where().tip_m == pytest.approx([0.15, 0.1, 0.05], abs=0.002)
 
 
-def test_tested_servo_models_include_unknown_motors():
+def test_servo_model_tests_include_models_without_motor_data():
     unknown = [model for model in OF_ONE_SERIES_EACH if find_servo_torque(model, None) is None]
     assert unknown == ["HLS3606M", "SCS225"]

@@ -37,7 +37,7 @@ def strike(number, at_s=0.4):
         (signal.SIGHUP, SystemExit(129), "terminal was closed"),
     ],
 )
-def test_a_signal_brakes_the_arm_and_leaves_it_holding(arm, number, ends, words):
+def test_signal_brakes_arm_which_then_holds(arm, number, ends, words):
     with pytest.raises(type(ends)) as caught:
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(number))
     assert caught.value.args == ends.args
@@ -46,7 +46,7 @@ def test_a_signal_brakes_the_arm_and_leaves_it_holding(arm, number, ends, words)
     assert abs(registers(arm, "present_position")[1] - 2048) < 600
 
 
-def test_arm_stands_still_within_300_ms_of_a_signal(arm):
+def test_arm_is_at_rest_within_300_ms_after_signal(arm):
     clock, times = clock_of(arm), []
 
     def watch(progress):
@@ -64,7 +64,7 @@ def test_arm_stands_still_within_300_ms_of_a_signal(arm):
 
 
 @pytest.mark.full
-def test_own_signal_handler_of_a_program_is_kept(arm):
+def test_signal_handler_installed_by_program_is_kept(arm):
     handled = []
     before = signal.signal(signal.SIGTERM, lambda *_: handled.append(True))
     try:
@@ -75,7 +75,7 @@ def test_own_signal_handler_of_a_program_is_kept(arm):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_signal_brakes_motion_inside_exiting_on_signals(arm, number):
+def test_signal_within_exiting_on_signals_brakes_and_exits(arm, number):
     with pytest.raises(SystemExit) as caught, exiting_on_signals():
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(number))
     assert caught.value.args == (128 + number,)
@@ -109,14 +109,14 @@ def go_on_whatever_happens(arm, pans, number, gone_to):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_program_catching_ikservo_errors_still_ends_on_signal(arm, number):
+def test_signal_ends_program_that_catches_all_ikservo_errors(arm, number):
     gone_to = []
     with pytest.raises((KeyboardInterrupt, SystemExit)):
         go_on_whatever_happens(arm, (1.2, -1.2), number, gone_to)
     assert gone_to == [1.2]
 
 
-def test_stop_by_program_raises_stopped_error_with_code_130(arm):
+def test_stop_call_raises_stopped_error_with_exit_code_130(arm):
     def watch(progress):
         if progress.elapsed_s > 0.4:
             arm.stop("enough")
@@ -126,7 +126,7 @@ def test_stop_by_program_raises_stopped_error_with_code_130(arm):
     assert caught.value.exit_code == 130
 
 
-def test_ctrl_c_while_a_stop_brakes_still_interrupts(arm):
+def test_ctrl_c_during_braking_raises_keyboard_interrupt(arm):
     def watch(progress):
         if progress.elapsed_s > 0.4 and not arm.stop_requests:
             arm.stop("enough")
@@ -136,7 +136,7 @@ def test_ctrl_c_while_a_stop_brakes_still_interrupts(arm):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=watch)
 
 
-def test_acknowledged_signal_is_forgotten(arm):
+def test_acknowledged_signal_does_not_affect_next_stop(arm):
     with pytest.raises(KeyboardInterrupt):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(signal.SIGINT))
     arm.acknowledge()

@@ -44,7 +44,7 @@ def descriptors():
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_control_cycles_do_not_leave_objects_behind(name):
+def test_control_cycles_do_not_accumulate_objects(name):
     counts = []
     streamed(name, 900, lambda k: counts.append(len(gc.get_objects())) if k % 300 == 0 else None)
     assert counts[-1] - counts[0] < 300  # not one a cycle

@@ -34,7 +34,7 @@ def stop_and_acknowledge(arm):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("request_motion", REQUESTS.values(), ids=REQUESTS)
-def test_stop_during_preparation_ends_the_motion(arm, monkeypatch, request_motion):
+def test_stop_during_motion_preparation_ends_motion(arm, monkeypatch, request_motion):
     before = registers(arm, "goal_position")
     done = call_before(motion_runner(arm), "motion", monkeypatch, lambda: stop_and_acknowledge(arm))
     with pytest.raises(StoppedError):
@@ -44,7 +44,7 @@ def test_stop_during_preparation_ends_the_motion(arm, monkeypatch, request_motio
     assert arm.stop_reason is None
 
 
-def test_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
+def test_stop_during_torque_on_ends_the_motion(monkeypatch):
     with ikservo.open_arm("so101", port="sim") as arm:
         call_before(servo_group(arm), "enable", monkeypatch, lambda: stop_and_acknowledge(arm))
         before = arm.where().positions_rad
@@ -56,7 +56,7 @@ def test_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["refresh_reference", "reference", "goals"])
-def test_stop_acknowledged_between_two_steps_ends_the_motion(arm, monkeypatch, method):
+def test_stop_acknowledged_between_motion_parts_ends_motion(arm, monkeypatch, method):
     before = registers(arm, "goal_position")
     call_before(servo_group(arm), method, monkeypatch, lambda: stop_and_acknowledge(arm))
     with pytest.raises(StoppedError):
@@ -65,7 +65,7 @@ def test_stop_acknowledged_between_two_steps_ends_the_motion(arm, monkeypatch, m
 
 
 @pytest.mark.full
-def test_queued_motions_end_on_stop_despite_acknowledgement(arm):
+def test_stop_ends_queued_motions_even_if_acknowledged(arm):
     with motion_runner(arm).lock:  # the first cannot start before all are queued
         motions = [arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, -0.2, 0.2)]
         stop_and_acknowledge(arm)
@@ -76,7 +76,7 @@ def test_queued_motions_end_on_stop_despite_acknowledgement(arm):
 
 
 @pytest.mark.full
-def test_cancelled_motion_does_not_end_the_next_one(arm):
+def test_cancelled_motion_does_not_end_next_motion(arm):
     with motion_runner(arm).lock:
         first, second = (arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, 0.3))
         first.cancel()
@@ -90,7 +90,7 @@ def test_motion_requested_after_stop_runs(arm):
 
 
 @pytest.mark.full
-def test_motion_requested_while_stopped_motion_brakes_runs(arm):
+def test_motion_requested_during_braking_of_stopped_one_runs(arm):
     later = []
 
     def stop_and_go_on(progress):
@@ -104,7 +104,7 @@ def test_motion_requested_while_stopped_motion_brakes_runs(arm):
 
 
 @pytest.mark.full
-def test_stop_while_plan_is_checked_ends_its_execution(arm, monkeypatch):
+def test_stop_during_plan_check_ends_its_execution(arm, monkeypatch):
     plan = arm.plan_joints({"shoulder_pan": 0.3})
     stop_and_acknowledge(arm)  # its torque is read again before the next motion
     before = registers(arm, "goal_position")
@@ -115,7 +115,7 @@ def test_stop_while_plan_is_checked_ends_its_execution(arm, monkeypatch):
 
 
 @pytest.mark.full
-def test_stop_between_two_steps_ends_a_program(arm):
+def test_stop_between_two_program_steps_ends_program(arm):
     with arm.background.requested():
         arm.move_joints({"shoulder_pan": 0.1})
         stop_and_acknowledge(arm)
@@ -124,7 +124,7 @@ def test_stop_between_two_steps_ends_a_program(arm):
 
 
 @pytest.mark.full
-def test_stop_of_servos_at_rest_ends_earlier_requests(arm):
+def test_stop_at_rest_cancels_earlier_motion_requests(arm):
     with motion_runner(arm).lock:
         motion = arm.move_joints({"shoulder_pan": 0.2}, wait=False)
         reason = StopReason(StopKind.CLIENT, "Stopped by another program.")

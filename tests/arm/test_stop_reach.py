@@ -87,13 +87,13 @@ def _name_of(function):
     return getattr(function, "id", getattr(function, "attr", ""))
 
 
-def test_torque_and_goals_are_sent_only_by_stoppable_code():
+def test_torque_and_goals_are_written_only_by_stoppable_code():
     assert callers(CALLS_THAT_MOVE) == STOPPABLE.keys()
     assert callers({"stoppable"}) == STOPPABLE_BUSES
     assert callers({"ServoBus"}) == PLAIN_BUSES | STOPPABLE_BUSES
 
 
-def test_stop_reaches_bus_opened_without_arm(arm):
+def test_stop_request_reaches_program_with_bus_but_no_arm(arm):
     with open_bus(PLANAR, PORT) as bus:
         assert stop_own_programs().stopped[0].arm == "planar2"
         with pytest.raises(StoppedError):
@@ -101,7 +101,7 @@ def test_stop_reaches_bus_opened_without_arm(arm):
     assert torques(arm) == [False, False]
 
 
-def test_stopped_recovery_keeps_torque(arm):
+def test_stopped_recover_command_keeps_torque_on(arm):
     with open_bus(PLANAR, PORT) as bus:
         for servo_id in bus.servos:
             torque_on(bus, servo_id)
@@ -112,7 +112,7 @@ def test_stopped_recovery_keeps_torque(arm):
     assert torques(arm) == [True, True]
 
 
-def test_stop_ends_test_motion_of_servo_being_assigned(arm):
+def test_stop_ends_test_motion_of_servo_assignment(arm):
     servo = arm.line.servos[1]
     with open_bus(PLANAR, PORT) as bus:
         moving = _move_and_return(bus, 1)
@@ -142,7 +142,7 @@ def test_state_request_to_bus_without_arm_says_port_is_busy(arm):
     ],
     ids=["all", "arm", "port"],
 )
-def test_stop_before_port_is_open_is_obeyed(arm, stop):
+def test_stop_request_before_port_is_open_is_obeyed(arm, stop):
     stop()
     with open_own_arm(PLANAR, PORT) as machine:
         with pytest.raises(RefusedError, match="before the port was open"):
@@ -154,7 +154,7 @@ def test_stop_before_port_is_open_is_obeyed(arm, stop):
 
 
 @pytest.mark.parametrize("other", ["so101", "koch"])
-def test_stop_of_other_arm_before_opening_is_ignored(arm, other):
+def test_stop_of_other_arm_before_port_opening_is_ignored(arm, other):
     request_stop_of(other)
     request_stop("/dev/ttyOTHER", "planar2")
     with open_own_arm(PLANAR, PORT) as machine:
@@ -162,14 +162,14 @@ def test_stop_of_other_arm_before_opening_is_ignored(arm, other):
     assert torques(arm) == [True, True]
 
 
-def test_stop_during_start_of_command_ends_the_command(arm, capsys):
+def test_stop_during_command_start_up_ends_command(arm, capsys):
     stop_own_programs()
     words = f"joints joint1=10 --arm planar2 --port {PORT} --yes".split()
     assert (main(words), torques(arm)) == (130, [False, False])
     assert "before the port was open" in capsys.readouterr().err
 
 
-def test_stop_mark_before_close_does_not_stop_reopened_arm(arm):
+def test_stop_request_before_close_does_not_stop_reopened_arm(arm):
     with open_own_arm(PLANAR, PORT):
         stop_own_programs()
     with open_own_arm(PLANAR, PORT) as machine:
@@ -187,7 +187,7 @@ print(has_mark("/dev/ttyX", "so101"))
 
 
 @pytest.mark.full
-def test_stop_mark_stops_earlier_programs_not_later_ones():
+def test_stop_file_stops_programs_started_before_it_only():
     run = [sys.executable, "-c", HAS_MARK]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(run, **pipes) as earlier:
@@ -198,7 +198,7 @@ def test_stop_mark_stops_earlier_programs_not_later_ones():
         assert earlier.communicate("\n")[0] == "True\n"
 
 
-def test_old_stop_marks_are_removed(monkeypatch):
+def test_old_stop_request_files_are_removed(monkeypatch):
     with tempfile.TemporaryDirectory() as home:  # so short that marks are not put elsewhere
         monkeypatch.setenv("IKSERVO_HOME", home)
         early_stops.leave_mark(arm="so101")
@@ -208,7 +208,7 @@ def test_old_stop_marks_are_removed(monkeypatch):
         assert len(list((Path(home) / "run").glob("*.stop"))) == 1
 
 
-def test_stop_mark_from_before_restart_is_ignored(monkeypatch):
+def test_stop_request_file_from_before_reboot_is_ignored(monkeypatch):
     early_stops.leave_mark()
     real = early_stops.time.monotonic
     monkeypatch.setattr(early_stops.time, "monotonic", lambda: real() - 3600.0)
@@ -216,7 +216,7 @@ def test_stop_mark_from_before_restart_is_ignored(monkeypatch):
     assert not early_stops.has_mark("/dev/ttyX", "so101")
 
 
-def test_stop_on_full_disk_does_not_leave_unfinished_mark(monkeypatch, tmp_path):
+def test_stop_on_full_disk_leaves_no_partial_request_file(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
 
     def fill_up(path, *_):

@@ -52,7 +52,7 @@ STOPS = {
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize(("stop", "kind"), STOPS.values(), ids=STOPS)
-def test_each_way_to_stop_a_motion_has_its_stop_kind(arm, stop, kind):
+def test_each_cause_of_a_stop_has_its_stop_kind(arm, stop, kind):
     with pytest.raises(BaseException):  # noqa: B017, PT011  # which one is another test's
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=at(0.3, lambda: stop(arm)))
     assert arm.stop_reason.kind is kind
@@ -61,7 +61,7 @@ def test_each_way_to_stop_a_motion_has_its_stop_kind(arm, stop, kind):
     assert (arm.stop_reason, arm.stopped_for) == (None, "")
 
 
-def test_signal_before_first_goal_keeps_its_stop_kind(arm, monkeypatch):
+def test_stop_by_signal_before_first_goal_is_reported_as_signal(arm, monkeypatch):
     streaming = servo_group(arm).streaming
 
     @contextlib.contextmanager
@@ -76,7 +76,7 @@ def test_signal_before_first_goal_keeps_its_stop_kind(arm, monkeypatch):
     assert arm.stop_reason.kind is StopKind.TERMINATED
 
 
-def test_cancel_keeps_program_stop_with_the_same_text(arm):
+def test_cancel_does_not_replace_program_stop_of_same_text(arm):
     arm.stop(CANCELLED.text)
     motion = arm.move_joints({"shoulder_pan": 0.8}, wait=False)
     motion.cancel()
@@ -84,7 +84,7 @@ def test_cancel_keeps_program_stop_with_the_same_text(arm):
     assert arm.stop_reason.kind is StopKind.PROGRAM
 
 
-def test_stop_request_keeps_first_reason_and_counts_all():
+def test_repeated_stop_keeps_first_reason_and_is_counted():
     request = StopRequest()
     assert not request
     request.set(CTRL_C, signal=2)
@@ -98,7 +98,7 @@ def test_stop_request_keeps_first_reason_and_counts_all():
     assert (request.reason, request.signal, request.times) == (None, 0, 0)
 
 
-def test_stop_request_without_braking_has_its_own_hint():
+def test_stop_request_without_braking_has_given_hint():
     request = StopRequest()
     request.set_without_braking(StopReason(StopKind.CLOSED, "closed"), "Open it again.")
     with pytest.raises(StoppedError, match="closed") as caught:
@@ -109,11 +109,11 @@ def test_stop_request_without_braking_has_its_own_hint():
 @pytest.mark.parametrize(
     ("text", "headline"), [("", "no reason was given"), ("heat\nof the elbow", "heat")]
 )
-def test_stop_reason_headline_is_one_line(text, headline):
+def test_stop_reason_summary_is_one_line(text, headline):
     assert StopReason(StopKind.FAULT, text).headline == headline
 
 
-def test_stop_with_reason_that_has_no_text_still_stops(arm):
+def test_stop_with_empty_reason_text_still_stops(arm):
     arm.stop(reason=10**5000)
     with pytest.raises(LatchedStopError, match="a value of type int"):
         arm.move_joints({"gripper": 0.1})

@@ -63,7 +63,7 @@ def test_stop_acknowledged_in_other_thread_still_ends_motion(arm):
 
 
 @pytest.mark.sample(1)
-def test_stop_repeated_after_acknowledgement_stays(arm):
+def test_second_stop_after_acknowledgement_stays_latched(arm):
     def stop():
         arm.stop("first")
         arm.acknowledge()
@@ -91,14 +91,14 @@ def test_closing_arm_in_callback_ends_motion_and_holds(arm):
 
 
 @pytest.mark.sample(1)
-def test_torque_off_in_callback_ends_the_motion_limp(arm):
+def test_torque_off_in_callback_ends_motion_with_limp_arm(arm):
     with pytest.raises(StoppedError, match="switched torque off"):
         go(arm, arm.disable_torque)
     assert not any(registers(arm, "torque_enable").values())
 
 
 @pytest.mark.sample(1)
-def test_relaxing_close_in_callback_is_refused(arm):
+def test_closing_with_relax_in_callback_is_refused(arm):
     with pytest.raises(RefusedError, match="is moving"):
         go(arm, lambda: arm.close("relax"))
     assert all(registers(arm, "torque_enable").values())

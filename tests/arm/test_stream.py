@@ -51,7 +51,7 @@ def test_control_loop_runs_trajectory_to_its_end(either):
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
-def test_control_cycles_keep_their_rate_and_the_motion_time(arm):
+def test_control_loop_keeps_its_rate_and_motion_duration(arm):
     stream, cycles = ControlLoop(servo_group(arm)), []
     stream.run(course_of(servo_group(arm)), cycles.append)
     times = [cycle.time_s for cycle in cycles]
@@ -60,7 +60,7 @@ def test_control_cycles_keep_their_rate_and_the_motion_time(arm):
     assert times[-1] == cycles[-1].duration_s
 
 
-def test_control_rate_is_between_100_and_500_hz(either):
+def test_control_loop_rate_is_between_100_and_500_hz(either):
     assert 0.002 <= ControlLoop(servo_group(either)).measure_cycle_time_s() <= 0.010
 
 
@@ -80,7 +80,7 @@ def test_stop_request_brakes_within_300_ms_and_holds(either):
     assert auditor.faults() == []
 
 
-def test_stop_brakes_over_a_quarter_of_a_second():
+def test_stop_brakes_for_a_quarter_of_a_second():
     throttle = TimeScaler(0.005)
     gaps = [throttle.step(0.005, braking=True) for _ in range(60)]
     assert gaps == sorted(gaps, reverse=True)
@@ -107,7 +107,7 @@ def test_stop_of_control_loop_stays_until_acknowledged(arm):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("stall_s", [0.06, 0.3, 5.0])
-def test_goals_continue_without_jump_after_a_stall(stall_s):
+def test_goals_do_not_jump_after_control_loop_stall(stall_s):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
         auditor, clock, stalled = Auditor(arm), clock_of(arm), []
@@ -144,7 +144,7 @@ def test_motion_on_machine_that_is_always_late_is_refused():
             )
 
 
-def test_motion_on_machine_late_for_seconds_arrives_slowly(arm):
+def test_motion_with_late_control_cycles_arrives_more_slowly(arm):
     clock, course, auditor = clock_of(arm), course_of(servo_group(arm), 1.5), Auditor(arm)
     begin_s = clock.now_s()
     measured = ControlLoop(servo_group(arm)).run(
@@ -164,7 +164,7 @@ def test_wall_clock_steps_do_not_change_a_motion(arm, monkeypatch):
 
 
 @pytest.mark.full
-def test_goals_lead_joints_by_at_most_the_look_ahead(arm):
+def test_goal_lead_is_bounded_by_look_ahead(arm):
     auditor = Auditor(arm)
     line_of(arm).servos[1].motor.grip = 0.3
     arm.move_joints({arm.model.joints[0].name: 1.0}, speed="fast")
@@ -211,7 +211,7 @@ def check_stopped(arm, auditor, place):
     assert all(registers(arm, "torque_enable").values()), place
 
 
-def test_stop_in_last_cycle_is_not_lost(arm):
+def test_stop_in_last_control_cycle_is_obeyed(arm):
     stream = ControlLoop(servo_group(arm))
 
     def ask(cycle):
@@ -231,7 +231,7 @@ def test_hold_enable_and_relax_are_refused_during_a_motion(arm, what):
     assert all(registers(arm, "torque_enable").values())
 
 
-def test_reply_lost_after_a_stall_is_requested_again(arm):
+def test_reply_lost_after_control_loop_stall_is_read_again(arm):
     stream, line, stalled = ControlLoop(servo_group(arm)), line_of(arm), []
 
     def stall(cycle):

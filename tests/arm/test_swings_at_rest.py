@@ -17,7 +17,7 @@ TICK_RAD = 2.0 * np.pi / 4096
 
 @pytest.mark.full
 @pytest.mark.parametrize("seed", [154, 188])
-def test_swinging_shoulder_pan_is_brought_to_rest_after_motion(seed):
+def test_oscillating_shoulder_pan_is_damped_after_motion(seed):
     with ikservo.open_arm("so101", port=f"sim:?seed={seed}&pose=home") as arm:
         pan, clock = line_of(arm).world.joint("shoulder_pan"), clock_of(arm)
         for goal_rad in (0.3, -0.1):
@@ -34,7 +34,7 @@ def test_swinging_shoulder_pan_is_brought_to_rest_after_motion(seed):
 
 
 @pytest.mark.full
-def test_warning_names_swinging_joint_and_its_amplitude():
+def test_warning_names_oscillating_joint_and_its_amplitude():
     # Shoulder and elbow have 1.8° of play, no D gain, and the elbow 0.74 of its friction.
     with ikservo.open_arm("so101", port="sim:?seed=431&pose=home") as arm:
         arm.move_joints({"shoulder_lift": -0.3, "elbow_flex": -1.06, "wrist_flex": -0.67})
@@ -51,14 +51,14 @@ def test_warning_names_swinging_joint_and_its_amplitude():
     assert any(each.startswith("elbow_flex swung by up to") for each in report.binding)
 
 
-def test_lag_in_motion_is_not_reported_as_swing():
+def test_lag_during_motion_is_not_reported_as_oscillation():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         report = arm.move_joints({"shoulder_lift": -1.0, "elbow_flex": 0.6}, speed="normal")
     assert not any("swung" in each for each in report.binding)
 
 
 @pytest.mark.parametrize(("ways", "named"), [(12, 0), (1, 1)])
-def test_lag_in_reversing_motion_is_not_counted_as_swing(ways, named):
+def test_lag_at_reversal_is_not_counted_as_oscillation(ways, named):
     time_s = np.arange(0.0, 4.0, 0.01)
     there = 0.5 * np.abs((time_s * ways / 4.0) % 2.0 - 1.0)
     swing = 0.03 * np.sin(2.0 * np.pi * 5.0 * time_s) * (ways == 1)

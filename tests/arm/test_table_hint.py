@@ -17,7 +17,7 @@ HINT = re.compile(r"Try: ikservo move (\S+) (\S+) (\S+)( --pitch -90)?")
 @pytest.mark.full
 @pytest.mark.parametrize("z_m", [0.0, -0.05])
 @pytest.mark.parametrize("name", ["so101", "koch", "wx250s"])
-def test_point_in_collision_hint_at_table_is_accepted(name, z_m):
+def test_point_suggested_by_table_collision_error_is_accepted(name, z_m):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         with pytest.raises(CollisionError) as refused:
             arm.plan(MoveTo((0.2, 0.03, z_m), straight=True))

@@ -46,7 +46,7 @@ def tip_m(chain, driven_joints, ticks):
 @pytest.mark.parametrize("name", ARMS)
 @settings(max_examples=8, deadline=None)
 @given(draws=DRAWS)
-def test_tick_rounding_stays_inside_joint_limits(name, draws):
+def test_tick_rounding_search_stays_inside_joint_limits(name, draws):
     chain, q = drawn(name, np.round(draws))  # every joint on one of its limits
     driven_joints = driven_joints_of(chain)
     ticks = round_to_ticks(chain, chain.forward(q)[:3, 3], q, driven_joints)
@@ -57,7 +57,7 @@ def test_tick_rounding_stays_inside_joint_limits(name, draws):
 @pytest.mark.parametrize("name", ARMS)
 @settings(max_examples=8, deadline=None)
 @given(draws=DRAWS)
-def test_tick_rounding_is_never_worse_than_plain_rounding(name, draws):
+def test_tick_rounding_search_is_never_worse_than_plain_rounding(name, draws):
     chain, q = drawn(name, draws)
     driven_joints, target_m = driven_joints_of(chain), chain.forward(q)[:3, 3]
     inside = [
@@ -71,7 +71,7 @@ def test_tick_rounding_is_never_worse_than_plain_rounding(name, draws):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_tick_rounding_halves_the_error_of_plain_rounding(name):
+def test_tick_rounding_search_halves_error_of_plain_rounding(name):
     chain, rng = CHAINS[name], np.random.default_rng(5)
     driven_joints = driven_joints_of(chain)
     ours, rounded = [], []
@@ -84,7 +84,7 @@ def test_tick_rounding_halves_the_error_of_plain_rounding(name):
     assert np.median(ours) < 0.5 * np.median(rounded)
 
 
-def test_tick_rounding_keeps_tool_orientation_within_half_a_deg():
+def test_tick_rounding_search_keeps_orientation_within_0_5_deg():
     chain, rng = CHAINS["wx250s"], np.random.default_rng(6)
     driven_joints = driven_joints_of(chain)
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (10, chain.dof)):
@@ -98,7 +98,7 @@ def test_tick_rounding_keeps_tool_orientation_within_half_a_deg():
         assert math.degrees(math.acos(min(1.0, cos))) < 0.5
 
 
-def test_tick_rounding_is_deterministic():
+def test_tick_rounding_search_is_deterministic():
     chain, q = drawn("so101", [0.3, 0.6, 0.4, 0.7, 0.2, 0.5, 0.5, 0.5])
     asked = (chain, chain.forward(q)[:3, 3], q, driven_joints_of(chain))
     assert round_to_ticks(*asked) == round_to_ticks(*asked)

@@ -37,21 +37,21 @@ def planned(name, point_m, **asked):
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "px100", "omx_f", "wx250s"])
 @pytest.mark.parametrize("degrees", [-70, -60, -45])
-def test_reachable_tool_pitch_is_met_within_0_1_degrees(name, degrees):
+def test_reachable_tool_pitch_is_reached_within_0_1_degrees(name, degrees):
     plan, R = planned(name, (0.2, 0.04, 0.08), pitch_rad=DEG(degrees))
     assert math.degrees(bench(name)[2].pitch_rad(R)) == pytest.approx(degrees, abs=0.1)
     np.testing.assert_allclose(plan.tip_m, (0.2, 0.04, 0.08), atol=2e-5)
 
 
 @pytest.mark.parametrize("name", ["so101", "omx_f", "wx250s"])
-def test_tool_pitch_and_roll_are_met_together(name):
+def test_tool_pitch_and_roll_are_reached_together(name):
     _, R = planned(name, (0.2, 0.04, 0.08), pitch_rad=DEG(-50), roll_rad=DEG(25))
     tool = bench(name)[2]
     assert math.degrees(tool.pitch_rad(R)) == pytest.approx(-50, abs=0.1)
     assert math.degrees(tool.roll_rad(R, 0.0)) == pytest.approx(25, abs=0.5)
 
 
-def test_tool_roll_alone_keeps_the_pitch():
+def test_requested_tool_roll_keeps_tool_pitch():
     _, chain, tool, here = bench("so101")
     _, R = planned("so101", (0.2, 0.04, 0.12), roll_rad=DEG(40))
     before = tool.pitch_rad(chain.forward(here[: chain.dof])[:3, :3])
@@ -59,14 +59,14 @@ def test_tool_roll_alone_keeps_the_pitch():
     assert math.degrees(tool.pitch_rad(R)) == pytest.approx(math.degrees(before), abs=1.0)
 
 
-def test_tool_direction_is_met_by_arm_with_free_wrist():
+def test_tool_direction_is_reached_by_arm_with_free_wrist():
     _, R = planned("wx250s", (0.2, 0.04, 0.15), direction=(1, 0.5, -1))
     np.testing.assert_allclose(
         R @ bench("wx250s")[2].approach_axis, np.array((1, 0.5, -1)) / 1.5, atol=1e-3
     )
 
 
-def test_kept_tool_orientation_is_unchanged_in_base_frame():
+def test_keep_option_keeps_tool_orientation_in_base_frame():
     _, chain, _, here = bench("wx250s")
     _, R = planned("wx250s", (0.22, 0.06, 0.2), keep=True)
     before = chain.forward(here[: chain.dof])[:3, :3]
@@ -83,7 +83,7 @@ def test_tool_keeps_its_pitch_if_no_orientation_is_given(name):
     assert math.degrees(plan.orientation_error_rad) < 0.2
 
 
-def test_point_is_reached_although_orientation_cannot_be_kept():
+def test_unkeepable_orientation_does_not_prevent_reaching_point():
     plan, _ = planned("so101", (0.02, 0.02, 0.45))
     np.testing.assert_allclose(plan.tip_m, (0.02, 0.02, 0.45), atol=2e-5)
     assert math.degrees(plan.orientation_error_rad) > 5.0
@@ -95,7 +95,7 @@ def test_point_is_reached_although_orientation_cannot_be_kept():
     ("so101", {"keep": True}, "the present orientation"),
     ("px100", {"direction": (0, 1, 0)}, "direction 0,1,0"),
 ])  # fmt: skip
-def test_impossible_tool_orientation_names_a_possible_pitch(name, asked, word):
+def test_impossible_orientation_error_suggests_possible_pitch(name, asked, word):
     with pytest.raises(OrientationError, match="is not possible") as caught:
         planned(name, (0.2, 0.06, 0.12), **asked)
     error = caught.value
@@ -104,14 +104,14 @@ def test_impossible_tool_orientation_names_a_possible_pitch(name, asked, word):
     assert "pitch" in error.instead
 
 
-def test_pitch_suggested_for_impossible_pitch_can_be_planned():
+def test_suggested_tool_pitch_can_be_planned():
     with pytest.raises(OrientationError) as caught:
         planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(60))
     offered = float(caught.value.instead.split("pitch ")[1].split("°")[0])
     planned("so101", (0.2, 0.06, 0.12), pitch_rad=DEG(offered))
 
 
-def test_point_out_of_reach_is_not_an_orientation_error():
+def test_point_out_of_reach_does_not_raise_orientation_error():
     with pytest.raises(UnreachableError, match="cannot be reached"):
         planned("so101", (0.9, 0.0, 0.1), pitch_rad=0.0)
 
@@ -141,7 +141,7 @@ def arm():
 
 
 @pytest.mark.parametrize("stance", [None, "down", (0.0, 0.0, -1.0)])
-def test_move_refuses_stance_that_is_not_a_tool_orientation(arm, stance):
+def test_move_refuses_stance_argument_of_wrong_type(arm, stance):
     with pytest.raises(BadValueError, match="ToolOrientation"):
         arm.move_to((0.2, 0.0, 0.15), stance=stance)
     with pytest.raises(BadValueError, match="ToolOrientation"):
@@ -154,6 +154,6 @@ def test_tool_pitch_that_is_not_a_number_is_refused():
 
 
 @pytest.mark.parametrize("speed", [[], None, 1, "quick"])
-def test_move_to_lists_speeds_for_invalid_speed(arm, speed):
+def test_invalid_speed_error_of_move_to_lists_speeds(arm, speed):
     with pytest.raises(UnknownNameError, match="slow"):
         arm.move_to((0.2, 0.0, 0.15), speed=speed)

@@ -78,7 +78,7 @@ def machine(*reasons):
         (("on", "lowering_ended"), HOLDING, False),
     ],
 )
-def test_sequence_of_events_leads_to_expected_torque_state(reasons, state, due):
+def test_events_lead_to_expected_torque_state(reasons, state, due):
     torque = machine(*reasons)
     assert (torque.state, torque.first_motion_due) == (state, due)
 
@@ -95,7 +95,7 @@ def test_sequence_of_events_leads_to_expected_torque_state(reasons, state, due):
         (("on", "loop_started", "releasing"), False, True),
     ],
 )
-def test_torque_state_tells_whether_torque_is_on_and_arm_moves(reasons, is_on, is_moving):
+def test_torque_state_tells_if_torque_is_on_and_arm_moves(reasons, is_on, is_moving):
     torque = machine(*reasons)
     assert (torque.is_on, torque.is_moving) == (is_on, is_moving)
 
@@ -131,7 +131,7 @@ def state(arm):
     return servo_group(arm).torque.state
 
 
-def test_torque_state_follows_a_motion_from_unknown_to_off(arm):
+def test_motion_passes_expected_torque_states_in_order(arm):
     seen = [state(arm)]
     arm.enable()
     seen.append(state(arm))
@@ -142,7 +142,7 @@ def test_torque_state_follows_a_motion_from_unknown_to_off(arm):
     assert list(dict.fromkeys(seen)) == [UNKNOWN, FIRST_MOTION, MOVING, HOLDING, OFF]
 
 
-def test_stopped_first_motion_keeps_the_next_one_slow(arm):
+def test_motion_after_stopped_first_motion_is_slow(arm):
     with pytest.raises(StoppedError):
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=lambda _: arm.stop("enough"))
     assert state(arm) is UNKNOWN
@@ -153,7 +153,7 @@ def test_stopped_first_motion_keeps_the_next_one_slow(arm):
 
 
 @pytest.mark.full
-def test_stopped_later_motion_lets_next_one_be_fast(arm):
+def test_motion_after_stopped_later_motion_may_be_fast(arm):
     arm.move_joints({"shoulder_pan": 0.1})
     with pytest.raises(StoppedError):
         arm.move_joints({"shoulder_pan": 0.8}, on_progress=lambda _: arm.stop("enough"))
@@ -217,7 +217,7 @@ def test_acknowledge_without_stop_keeps_state_moving(arm):
 
 
 @pytest.mark.full
-def test_overheated_arm_is_lowered_once_even_if_lowering_fails(arm, monkeypatch):
+def test_overheated_arm_is_lowered_only_once_even_on_failure(arm, monkeypatch):
     arm.move_joints({"shoulder_pan": 0.1})
     started, hot = [], ServoAlarmError("elbow_flex is too hot", "Let it cool down.")
 
@@ -238,7 +238,7 @@ def test_overheated_arm_is_lowered_once_even_if_lowering_fails(arm, monkeypatch)
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_torque_of_single_joints_comes_on_in_arm_never_enabled(name):
+def test_torque_of_one_joint_can_be_enabled_in_limp_arm(name):
     with ikservo.open_arm(name, "sim") as arm:
         for joint in servo_group(arm).names:
             motion_runner(arm).set_joint_torque(joint, on=True)

@@ -92,7 +92,7 @@ def test_one_arm_is_measured_while_the_other_moves(arms):
     assert max(map(abs, seen)) < 0.5
 
 
-def test_adapter_closes_with_the_last_of_two_arms(arms, adapter):
+def test_shared_adapter_is_closed_with_last_of_two_arms(arms, adapter):
     left, right = arms
     left.close()
     with pytest.raises(ikservo.PortError, match="closed"):
@@ -113,7 +113,7 @@ def test_servo_ids_in_use_by_another_arm_are_refused(arms, open_arm):
         open_arm("third", 6)
 
 
-def test_port_without_servo_ids_is_refused_while_arm_is_open(arms):
+def test_port_opened_without_servo_ids_is_refused_beside_arm(arms):
     with pytest.raises(ikservo.PortBusyError):
         ports.open_port(arms[0].port_name, BAUD)
 

@@ -52,7 +52,7 @@ def test_error_names_other_baud_rate_of_feetech_servos(open_with_servos, baud):
 
 
 @pytest.mark.parametrize("baud", [57_600, 115_200, 2_000_000, 4_000_000])
-def test_error_names_other_baud_rate_in_protocol_2(open_with_servos, baud):
+def test_error_names_other_baud_rate_of_dynamixel_servos(open_with_servos, baud):
     error = open_with_servos("koch", KOCH, baud)
     assert f"XL430-W250 at id 1, {baud} baud" in error.message
 
@@ -104,7 +104,7 @@ def test_error_names_new_servo_at_its_factory_baud_rate(open_with_servos, monkey
         ikservo.open_arm("koch", port="sim")
 
 
-def test_error_for_empty_line_does_not_name_other_servos(open_with_servos):
+def test_error_for_empty_bus_does_not_name_other_servos(open_with_servos):
     error = open_with_servos("so101", {99: XL330}, 9_600)
     assert isinstance(error, ServoSilentError)
     assert "there is" not in error.message

@@ -46,7 +46,7 @@ FEW = ("follow",)
 @pytest.mark.parametrize(
     "skill", [pytest.param(s, marks=() if s in FEW else pytest.mark.campaign) for s in SKILLS]
 )
-def test_motion_imports_everything_before_its_first_goal(name, skill):
+def test_motion_imports_no_module_after_its_first_goal(name, skill):
     program = PROGRAM.replace("ARM", repr(name)).replace("SKILL", SKILLS[skill])
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False

@@ -57,7 +57,7 @@ def nearest_m(arm, postures):
     return context.collision.distances(context.index.body_joints(np.array(postures))).min()
 
 
-def test_path_leads_around_a_post_with_clearance(beside_post):
+def test_path_avoids_post_with_clearance(beside_post):
     plan = beside_post.plan_to(RIGHT)
     assert "would touch the post" in plan.around
     postures = plan.sample(0.005).positions
@@ -116,17 +116,17 @@ def test_blocked_line_is_refused_and_joint_move_is_suggested(beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-def test_goal_inside_an_obstacle_is_refused(beside_post):
+def test_joint_goal_inside_an_obstacle_is_refused(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.plan_to((0.22, 0.0, 0.1))
 
 
-def test_straight_motion_into_a_post_is_refused(beside_post):
+def test_straight_motion_through_post_is_refused(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.move_to(RIGHT, straight=True)
 
 
-def test_straight_is_a_field_of_motions():
+def test_straight_option_is_serialised_with_motion():
     assert parse_motion(motion_fields(MoveTo(LEFT, straight=True))) == MoveTo(LEFT, straight=True)
     assert motion_fields(MoveTo(LEFT)) == {"move_to": {"position_m": list(LEFT)}}
 
@@ -171,7 +171,7 @@ def test_tool_tolerance_lets_arm_reach_point_under_obstacle():
         {"orientation": exp_so3(np.array([0.1, 1.2, 0.2]))},
     ],
 )
-def test_goals_use_the_whole_tool_tolerance_and_no_more(wanted):
+def test_planned_goals_use_but_do_not_exceed_tool_tolerance(wanted):
     stance, most_rad = ikservo.ToolOrientation(**wanted, within_rad=0.25), 0.25
     with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
         planner, tool = context_of(arm).planner, tool_frame(arm.model)
@@ -208,14 +208,14 @@ def test_stop_ends_path_search_and_nothing_moves(monkeypatch, beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-def test_path_search_refusal_reports_its_search_time(monkeypatch, beside_post):
+def test_refused_path_search_reports_its_search_time(monkeypatch, beside_post):
     monkeypatch.setattr(WaySearch, "find", lambda *_: time.sleep(0.06))
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to(RIGHT, think_s=0.05)
     assert "No path around it was found in 0.05 s; --think 0.15s" in refused.value.command_hint
 
 
-def test_refusal_of_a_search_that_ended_early_tells_its_reason(monkeypatch, beside_post):
+def test_refused_path_search_reports_why_it_ended(monkeypatch, beside_post):
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.plan_to((0.22, 0.0, 0.1))
     assert "something in every posture at the target" in refused.value.command_hint
@@ -225,7 +225,7 @@ def test_refusal_of_a_search_that_ended_early_tells_its_reason(monkeypatch, besi
     assert re.search(r"A search of [0-9.]+ s found no path around", refused.value.command_hint)
 
 
-def test_think_time_is_a_field_of_the_motion():
+def test_planning_time_is_serialised_with_motion():
     motion = MoveTo(LEFT, think_s=10.0)
     assert parse_motion(motion_fields(motion)) == motion
     with pytest.raises(BadValueError, match="time to search for a path"):

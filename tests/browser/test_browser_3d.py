@@ -87,7 +87,7 @@ def picture(operator):
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def test_3d_links_of_arm_and_ghost_match_forward_kinematics(onlooker):
+def test_3d_links_of_arm_and_preview_match_forward_kinematics(onlooker):
     until(lambda: not misplaced(onlooker, "arm", measured(onlooker)))
     onlooker.drag(onlooker.tip_px(), np.array([50.0, -50.0])).release()
     onlooker.wait_for("scene.goal && !status.refused")
@@ -95,7 +95,7 @@ def test_3d_links_of_arm_and_ghost_match_forward_kinematics(onlooker):
     assert onlooker.errors == []
 
 
-def test_3d_arm_is_drawn_in_its_colour_where_it_is_picked(onlooker):
+def test_3d_arm_covers_pixels_at_which_it_is_picked(onlooker):
     served = onlooker.served
     until(lambda: not misplaced(onlooker, "arm", measured(onlooker)))
     poses, camera = poses_of(served, measured(onlooker)), camera_of(served)
@@ -111,7 +111,7 @@ def test_3d_arm_is_drawn_in_its_colour_where_it_is_picked(onlooker):
 
 
 @pytest.mark.smoke
-def test_drag_in_3d_moves_the_target_to_the_pointer(onlooker):
+def test_drag_in_3d_view_moves_target_to_pointer(onlooker):
     start = onlooker.tip_px()
     x, y = start + np.array([40.0, -60.0])
     onlooker.drag(start, np.array([40.0, -60.0]), steps=2)
@@ -122,7 +122,7 @@ def test_drag_in_3d_moves_the_target_to_the_pointer(onlooker):
     onlooker.until(f"{SCENE}.markings.dots.count > 0")  # the path of the tip
 
 
-def test_3d_ghost_in_contact_is_red_and_message_names_pair(onlooker):
+def test_3d_preview_in_collision_is_red_and_links_are_named(onlooker):
     onlooker.type("#tool-z", "-40", "scene.refused_pair?.includes('gripper')")
     style = (
         f"(link) => Object.entries({SCENE}.ghostMaterials)"
@@ -194,7 +194,7 @@ def test_3d_handle_changes_one_target_coordinate_only(onlooker, kind, axis, move
     assert onlooker.errors == []
 
 
-def test_slow_3d_frames_fall_back_to_canvas_until_3d_is_chosen(onlooker):
+def test_slow_3d_view_falls_back_to_canvas_until_3d_is_chosen(onlooker):
     onlooker.page.evaluate(
         f"""() => {{
           const {{ rendering }} = window.ikservo;
@@ -214,7 +214,7 @@ def test_slow_3d_frames_fall_back_to_canvas_until_3d_is_chosen(onlooker):
     expect(onlooker.page.locator("#render-note")).to_have_text("")
 
 
-def test_lost_webgl_context_falls_back_until_it_is_restored(onlooker):
+def test_lost_webgl_context_falls_back_to_canvas_until_restored(onlooker):
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextLoss()")
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
     gave_up = "The graphics driver failed, so the view is 2D."
@@ -259,7 +259,7 @@ def chosen_view(page):
     return page.get_attribute("#views [aria-checked=true]", "value")
 
 
-def test_page_begins_in_3d_if_a_graphics_card_draws_webgl(webgl_browser, shared):
+def test_page_starts_in_3d_with_hardware_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     context.add_init_script(f"({A_CARD})()")
     operator = Operator(context.new_page(), shared)
@@ -271,7 +271,7 @@ def test_page_begins_in_3d_if_a_graphics_card_draws_webgl(webgl_browser, shared)
     context.close()
 
 
-def test_page_on_software_webgl_starts_in_2d_without_loading_3d(webgl_browser, shared):
+def test_page_starts_in_2d_with_software_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), shared)
     assert chosen_view(operator.page) == "side"
@@ -284,7 +284,7 @@ def test_page_on_software_webgl_starts_in_2d_without_loading_3d(webgl_browser, s
 
 
 @pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
-def test_3d_view_begins_only_once_live_is_off(webgl_browser, view):
+def test_switch_to_3d_view_waits_until_live_mode_ends(webgl_browser, view):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), view, options="&draw=2d")
     operator.enable_live().page.click("#views button[value=orbit]")

@@ -42,7 +42,7 @@ def joints_deg(operator):
     return [math.degrees(angle) for angle in operator.served.joints().values()]
 
 
-def test_preview_is_executed_by_button_and_undone_by_keys(person):
+def test_previewed_goal_is_executed_by_button_and_undone_by_key(person):
     page, before = person.page, person.served.goals()
     page.click("#speeds button[value=fast]")
     expect(page.locator("#execute")).to_be_disabled()
@@ -67,7 +67,7 @@ def test_preview_is_executed_by_button_and_undone_by_keys(person):
     person.wait_for("status.mode === 'preview'")
 
 
-def test_pose_among_a_hundred_is_found_and_chosen_by_keys(person):
+def test_pose_list_of_100_is_searched_and_used_by_keyboard(person):
     page = person.page
     page.click("#all-poses")
     page.keyboard.type("e_4")
@@ -84,7 +84,7 @@ def test_pose_among_a_hundred_is_found_and_chosen_by_keys(person):
     page.click("#pose-close")
 
 
-def test_help_opens_by_key_and_leaves_stop_usable(person):
+def test_help_opened_by_key_leaves_stop_button_usable(person):
     page = person.page
     page.focus("#drawing")
     page.keyboard.press("?")
@@ -101,7 +101,7 @@ def test_help_opens_by_key_and_leaves_stop_usable(person):
     expect(page.locator("#help")).to_be_hidden()
 
 
-def test_wheel_beside_arm_zooms_at_pointer_and_f_key_resets_it(person):
+def test_wheel_beside_arm_zooms_and_f_key_resets_zoom(person):
     page = person.wait_for_picture().page  # the drawing is larger again without a stop's notice
     scale, at = person.pixels_per_metre, person.tip_px()
     page.mouse.move(*person.over([40.0, 120.0]))

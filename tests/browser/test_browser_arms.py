@@ -50,7 +50,7 @@ def row(page, name):
     return page.locator(f"#arms-open [data-arm={name}]")
 
 
-def test_page_without_arm_says_how_to_see_the_camera(page):
+def test_page_without_arm_explains_how_to_show_camera(page):
     with opened_panel(cameras=["0"]) as served:
         page.goto(served.urls.control)
         page.wait_for_selector("text=The picture of camera 0 is shown with an arm: open one.")
@@ -86,7 +86,7 @@ def test_page_without_arm_lists_opens_and_changes_arms(page):
         until(lambda: [arm.name for arm in served.app.arms.all()] == ["planar3"])
 
 
-def test_arm_list_is_legible_named_and_in_tab_order(page, two):
+def test_arm_list_is_legible_labelled_and_in_tab_order(page, two):
     for width, scheme in ((390, "dark"), (1100, "light")):
         page.set_viewport_size({"width": width, "height": 844})
         page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
@@ -108,7 +108,7 @@ def test_arm_list_is_legible_named_and_in_tab_order(page, two):
     assert reached == expected
 
 
-def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
+def test_space_key_stops_every_arm_and_list_shows_reason(page, two):
     operator = Operator(page, two)
     operator.enable_live()
     koch = two.app.arms.find("koch").arm_thread
@@ -136,7 +136,7 @@ def test_space_key_stops_every_arm_and_list_names_its_fault(page, two):
     operator.wait_for("status.mode === 'preview'")
 
 
-def test_camera_picture_is_placed_and_says_when_unplugged(page, monkeypatch):
+def test_camera_picture_is_shown_and_unplugged_camera_reported(page, monkeypatch):
     pytest.importorskip("cv2")
     webcam = Webcam()
     monkeypatch.setattr(
@@ -194,7 +194,7 @@ def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
         assert (tmp_path / "measured" / "arm.toml").is_file()
 
 
-def test_new_servos_are_set_up_and_checked_on_the_page(page):
+def test_page_sets_up_and_checks_new_servos(page):
     with opened_panel() as served:
         page.goto(served.urls.control)
         page.wait_for_selector("#arms-port [value=sim]", state="attached")

@@ -191,7 +191,7 @@ def test_drawn_links_match_forward_kinematics(canvas, name):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "wx250s", "planar3"])
-def test_drawn_outlines_match_lines_of_sight_past_the_link(canvas, name):
+def test_drawn_link_outlines_match_lines_of_sight(canvas, name):
     model, graph = model_of(name), graph_of(model_of(name))
     q, others = random_postures(model, 5)
     for view in views_of(name):
@@ -239,7 +239,7 @@ def inside(ring, px):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_arm_is_drawn_where_it_is_picked(canvas, view):
+def test_drawn_arm_covers_pixels_at_which_it_is_picked(canvas, view):
     home, camera = stage("so101").home, looked_at("so101", view)
     drawn = {item["link"]: item["rings"] for item in of_style(canvas.items(view=view), "measured")}
     poses, random = link_poses(model_of("so101").chain, home, {}), np.random.default_rng(2)
@@ -249,7 +249,7 @@ def test_arm_is_drawn_where_it_is_picked(canvas, view):
             assert any(inside(ring, px + d) for ring in rings for d in AROUND)
 
 
-def test_link_outlines_have_the_same_winding_direction(canvas):
+def test_link_outlines_have_same_winding_direction(canvas):
     for item in of_style(canvas.items(view="orbit"), "measured"):
         for ring in item["rings"]:
             x, y = np.array(ring).T
@@ -257,7 +257,7 @@ def test_link_outlines_have_the_same_winding_direction(canvas):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_links_are_painted_from_back_to_front(canvas, view):
+def test_links_are_drawn_from_back_to_front(canvas, view):
     model, camera, home = model_of("so101"), looked_at("so101", view), stage("so101").home
     poses, ends = link_poses(model.chain, home, {}), {}
     for capsule in capsules_of(model):
@@ -267,7 +267,7 @@ def test_links_are_painted_from_back_to_front(canvas, view):
     assert np.diff(depths_m).max() < 2e-6
 
 
-def test_links_at_equal_depth_are_painted_in_order_of_names(canvas):
+def test_links_at_equal_depth_are_drawn_in_order_of_names(canvas):
     """In its own plane such an arm has these links at one depth, except for rounding."""
     graph, drawn = (
         graph_of(model_of("wx250s")),
@@ -281,18 +281,18 @@ def test_links_at_equal_depth_are_painted_in_order_of_names(canvas):
         assert [link for link in links if link in drawn] == drawn
 
 
-def test_ghost_is_painted_only_if_goal_differs_from_arm(canvas):
+def test_preview_is_drawn_only_if_goal_differs_from_arm(canvas):
     home = stage("so101").home
     assert not of_style(canvas.items(goal=home), "ghost")
     assert len(of_style(canvas.items(goal=home + 0.1), "ghost")) == 7
 
 
-def test_ghost_is_painted_behind_the_arm(canvas):
+def test_preview_is_drawn_behind_measured_arm(canvas):
     styles = [item["style"] for item in canvas.items(goal=stage("so101").home + 0.1)]
     assert max(i for i, s in enumerate(styles) if s == "ghost") < styles.index("measured")
 
 
-def test_refused_goal_marks_links_that_would_touch(canvas):
+def test_refused_goal_marks_links_that_would_collide(canvas):
     goal, pair = stage("so101").home + 0.1, ("gripper", "floor")
     items = canvas.items(goal=goal, refused_pair=pair)
     assert [item["link"] for item in of_style(items, "touching")] == ["gripper"]
@@ -300,7 +300,7 @@ def test_refused_goal_marks_links_that_would_touch(canvas):
     assert not of_style(items, "ghost")
 
 
-def test_link_chosen_behind_others_is_outlined_over_them(canvas):
+def test_selected_hidden_link_is_outlined_over_other_links(canvas):
     assert of_style(canvas.items(hover="base"), "behind") == []
     items = canvas.items(hover="base", behind=True)
     (over,) = of_style(items, "behind")
@@ -309,7 +309,7 @@ def test_link_chosen_behind_others_is_outlined_over_them(canvas):
     assert items.index(over) > max(n for n, item in enumerate(items) if item.get("link"))
 
 
-def test_hovered_and_grabbed_links_are_marked(canvas):
+def test_hovered_and_grabbed_links_are_highlighted(canvas):
     items = canvas.items(hover="forearm", grabbed="wrist")
     assert [i["link"] for i in of_style(items, "hover")] == ["forearm"]
     assert [i["link"] for i in of_style(items, "grabbed")] == ["wrist"]
@@ -337,7 +337,7 @@ def test_tip_mark_is_drawn_at_tip_of_forward_kinematics(canvas):
 # --- ranges ---
 
 
-def test_joint_range_is_drawn_as_an_arc_with_a_needle(canvas):
+def test_joint_range_is_drawn_as_arc_with_position_needle(canvas):
     items = canvas.items(view="orbit")
     for joint in model_of("so101").chain.names:
         assert arc(items, joint)["style"] == "limit"
@@ -370,7 +370,7 @@ def test_joint_arc_is_amber_once_its_goal_is_at_the_limit(canvas):
     assert arc(canvas.items(goal=goal), "elbow_flex")["style"] == "amber"
 
 
-def test_joint_needle_points_along_the_link_it_carries(canvas):
+def test_joint_arc_needle_points_along_link_behind_joint(canvas):
     camera, q = looked_at("planar3", "plane"), stage("planar3").home
     chain = model_of("planar3").chain
     needles = {
@@ -394,7 +394,7 @@ def test_joint_arc_ends_at_needle_angles_of_the_limits(canvas):
         np.testing.assert_allclose(needle["points"][1], at_home[end], atol=0.01)
 
 
-def test_joint_arc_seen_edge_on_is_turned_to_the_viewer(canvas):
+def test_joint_arc_seen_edge_on_is_turned_towards_viewer(canvas):
     points = np.array(arc(canvas.items(view="side"), "shoulder_pan")["points"])
     assert np.ptp(points, axis=0).min() > 20
 
@@ -486,7 +486,7 @@ def steps_of(canvas, target_m, method, step):
     return trace, camera, canvas.compose(graph, SceneState(camera, START), **more)["items"]
 
 
-def test_solver_iteration_is_drawn_where_the_arm_was(canvas):
+def test_solver_iteration_is_drawn_at_its_joint_positions(canvas):
     trace, camera, items = steps_of(canvas, (0.05, 0.18, 0.0), "ccd", 5)
     (drawn,) = of_style(items, "iterate")
     q = trace.result.trace[trace.numbers[5]]
@@ -496,14 +496,14 @@ def test_solver_iteration_is_drawn_where_the_arm_was(canvas):
     assert len(of_style(items, "joint")) == 3
 
 
-def test_solver_iteration_draws_the_trace_up_to_itself(canvas):
+def test_solver_iteration_draws_tip_trace_up_to_that_iteration(canvas):
     _, _, items = steps_of(canvas, (0.05, 0.18, 0.0), "pseudo_inverse", 4)
     (way,) = of_style(items, "trace")
     assert len(way["points"]) == len(of_style(items, "iteration")) == 5
     assert items[-1]["style"] == "target"
 
 
-def test_unreachable_target_turns_red_at_the_last_iteration(canvas):
+def test_unreachable_target_turns_red_at_last_solver_iteration(canvas):
     for step, style in ((0, "target"), (-1, "target_far")):
         _, _, items = steps_of(canvas, (0.5, 0.2, 0.0), "ccd", step)
         assert items[-1]["style"] == style
@@ -512,7 +512,7 @@ def test_unreachable_target_turns_red_at_the_last_iteration(canvas):
 # --- surroundings ---
 
 
-def test_table_is_drawn_as_an_edge_in_the_side_view(canvas):
+def test_table_is_drawn_as_line_in_side_view(canvas):
     (floor,) = of_style(canvas.items("open_manipulator_x", "side"), "floor")
     height = model_of("open_manipulator_x").floor_m
     y = looked_at("open_manipulator_x", "side").project(np.array([0.0, 0.0, height]))[0][1]
@@ -528,7 +528,7 @@ def test_table_grid_lines_are_10_cm_apart(canvas):
     np.testing.assert_allclose(steps, 0.1, atol=1e-6)
 
 
-def test_scale_bar_is_as_long_as_its_label(canvas):
+def test_drawn_scale_bar_has_length_of_its_label(canvas):
     (bar,), (words,) = of_style(canvas.items(), "scale")[:1], of_style(canvas.items(), "scale")[1:]
     length_m = (bar["points"][1][0] - bar["points"][0][0]) / looked_at("so101", "side").scale_px
     assert words["text"] == f"{length_m * 100:.0f} cm"
@@ -604,7 +604,7 @@ def test_planned_and_travelled_paths_of_the_tip_are_drawn(canvas):
 
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("name", ["so101", "vx300s"])
-def test_drawing_item_has_a_known_kind_and_finite_pixels(canvas, name, view):
+def test_drawing_items_have_known_kind_and_finite_pixels(canvas, name, view):
     goal = stage(name).home + 0.2
     items = canvas.items(name, view, goal=goal, marker=TargetMarker(TIP, TIP, reached=False))
     needed = {"polygon": "rings", "polyline": "points", "circle": "at", "cross": "at", "text": "at"}
@@ -614,7 +614,7 @@ def test_drawing_item_has_a_known_kind_and_finite_pixels(canvas, name, view):
         assert all(np.isfinite(np.array(ring, dtype=float)).all() for ring in rings)
 
 
-def test_canvas_draws_only_marks_in_3d_mode(canvas):
+def test_canvas_draws_only_markers_in_3d_mode(canvas):
     marker = TargetMarker(TIP, TIP, reached=True)
     state = SceneState(looked_at("so101", "orbit"), stage("so101").home, marker=marker)
     picture = canvas.compose(graph_of(model_of("so101")), state, webgl=True)
@@ -622,7 +622,7 @@ def test_canvas_draws_only_marks_in_3d_mode(canvas):
     assert picture["backdrop"] is None
 
 
-def test_canvas_recomputes_only_what_has_changed(canvas):
+def test_canvas_redraws_only_changed_items(canvas):
     graph, home = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "side"), home)
     top = scene_of(graph, replace(state, camera=looked_at("so101", "top")))
@@ -637,7 +637,7 @@ def test_canvas_recomputes_only_what_has_changed(canvas):
     )
 
 
-def test_table_is_drawn_again_when_page_returns_from_3d(canvas):
+def test_table_is_drawn_again_after_return_from_3d_mode(canvas):
     graph = graph_of(model_of("so101"))
     state = SceneState(looked_at("so101", "orbit"), stage("so101").home)
     first, in_3d, again = compose_in_turn(canvas, graph, state, {"webgl": True}, {"webgl": False})

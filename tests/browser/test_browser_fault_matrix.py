@@ -191,7 +191,9 @@ def cells():
 
 
 @pytest.mark.parametrize(("arm", "width", "scheme", "faults"), list(cells()))
-def test_fault_is_reported_in_both_tabs_until_acknowledged(browser, arm, width, scheme, faults):
+def test_fault_is_shown_in_both_browser_tabs_until_acknowledged(
+    browser, arm, width, scheme, faults
+):
     with serve_view(arm) as served:
         pages = Pages(browser, served, arm, width, scheme)
         try:

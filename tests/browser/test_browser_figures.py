@@ -50,17 +50,17 @@ def drag_to(page, name, x, y):
     return figure(page, name).locator("output").inner_text()
 
 
-def test_two_link_figure_says_when_a_point_is_out_of_reach(page):
+def test_two_link_figure_reports_point_out_of_reach(page):
     assert drag_to(page, "twoLinks", 0.7, 0.7).startswith("two solutions")
     assert drag_to(page, "twoLinks", 0.99, 0.99).startswith("unreachable")
 
 
-def test_three_link_figure_shows_part_of_tool_directions(page):
+def test_three_link_figure_shows_reachable_tool_directions(page):
     share = re.search(r"(\d+) % of all directions", drag_to(page, "threeLinks", 0.85, 0.6))
     assert 0 < int(share[1]) < 100
 
 
-def test_forward_kinematics_figure_moves_links_behind_a_joint(page):
+def test_forward_kinematics_figure_moves_links_beyond_joint(page):
     output = figure(page, "forwardKinematics").locator("output")
     pattern = r"φ\d = (.*): link \d ends at (.*) m"
     before = re.findall(pattern, output.inner_text())
@@ -69,7 +69,7 @@ def test_forward_kinematics_figure_moves_links_behind_a_joint(page):
     assert all(end != start for (_, end), (_, start) in zip(after, before, strict=True))
 
 
-def test_jacobian_figure_predicts_a_small_turn(page):
+def test_jacobian_figure_predicts_tip_motion_of_small_turn(page):
     text = drag_to(page, "jacobianColumns", 0.3, 0.7)
     tips = re.findall(r"moves the tip ([\d.]+) mm, ([\d.]+) mm beside", text)
     assert len(tips) == 3
@@ -87,7 +87,7 @@ def test_damping_figure_shortens_step_near_singular_posture(page):
     assert furthest_deg("0.05") < 20.0
 
 
-def test_joint_limit_figure_solver_stops_at_and_moves_off_limits(page):
+def test_joint_limit_figure_stops_at_limit_and_moves_off_again(page):
     figure(page, "jointLimits").locator("input").fill("0.75")
 
     def end_after_drag_to(x, y):
@@ -105,13 +105,13 @@ def test_joint_limit_figure_solver_stops_at_and_moves_off_limits(page):
 
 
 @pytest.mark.parametrize("name", ["pseudoInverse", "transpose", "ccd"])
-def test_iterative_solver_figure_ends_at_the_target(page, name):
+def test_iterative_solver_figure_reaches_target(page, name):
     assert "step 0," in drag_to(page, name, 0.55, 0.8)
     figure(page, name).get_by_text("To the end").click()
     assert re.search(r"error 0\.[01] mm", figure(page, name).locator("output").inner_text())
 
 
-def test_null_space_figure_bends_arm_and_keeps_the_tip(page):
+def test_null_space_figure_moves_elbow_and_keeps_tip(page):
     figure(page, "nullSpace").scroll_into_view_if_needed()
     output = figure(page, "nullSpace").locator("output")
     before = output.inner_text()

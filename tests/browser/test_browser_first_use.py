@@ -76,11 +76,11 @@ def on_a_phone(browser):
         context.close()
 
 
-def test_tab_key_follows_the_reading_order_of_each_screen(newcomer, screen):
+def test_tab_key_follows_reading_order_of_each_screen(newcomer, screen):
     expect_read_in_order(newcomer.page, screen)
 
 
-def test_opened_program_section_scrolls_into_view(newcomer):
+def test_opened_program_section_is_scrolled_into_view(newcomer):
     open_program(newcomer.page)
     newcomer.page.click("#program > summary")
     newcomer.page.evaluate("document.querySelector('.panel').scrollTop = 0")
@@ -109,7 +109,7 @@ def test_tool_readout_does_not_cover_the_arm(newcomer, width, height):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1100, 720)])
-def test_program_is_shown_by_one_press_beside_the_drawing(newcomer, width, height):
+def test_program_button_beside_drawing_shows_program_section(newcomer, width, height):
     page = newcomer.page
     page.set_viewport_size({"width": width, "height": height})
     page.evaluate("document.getElementById('program').open = false")
@@ -120,7 +120,7 @@ def test_program_is_shown_by_one_press_beside_the_drawing(newcomer, width, heigh
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
-def test_refusal_is_explained_beside_typed_coordinates(newcomer):
+def test_refusal_of_typed_target_is_explained_beside_its_fields(newcomer):
     page = newcomer.page
     page.fill("#tool-z", "-60")
     page.press("#tool-z", "Enter")
@@ -132,7 +132,7 @@ def test_refusal_is_explained_beside_typed_coordinates(newcomer):
     newcomer.wait_for("!status.target")
 
 
-def test_number_field_selects_its_text_for_overwriting(newcomer):
+def test_number_field_selects_its_text_when_focused(newcomer):
     page = newcomer.page
     old = page.input_value("#tool-z")
     page.click("#tool-z")
@@ -142,7 +142,7 @@ def test_number_field_selects_its_text_for_overwriting(newcomer):
     page.fill("#tool-z", old)  # as it was: nothing is sent
 
 
-def test_calibrate_asks_again_if_the_arm_holds(newcomer):
+def test_calibrate_button_asks_before_arm_goes_limp(newcomer):
     page = newcomer.page
     newcomer.wait_for("status.health.joints.every(({torque}) => torque === 'on')")
     page.click("#calibrate")
@@ -162,7 +162,7 @@ def test_stop_banner_contains_its_acknowledge_button(newcomer):
     newcomer.wait_for("status.mode === 'preview'")
 
 
-def test_go_there_button_is_in_reach_on_a_phone(newcomer):
+def test_go_there_button_is_visible_on_phone(newcomer):
     page, before = newcomer.page, newcomer.served.joints()["wrist_roll"]
     page.set_viewport_size({"width": 390, "height": 844})
     field = page.locator("[data-joint=wrist_roll] input[type=text]")
@@ -185,7 +185,7 @@ def test_go_there_button_is_in_reach_on_a_phone(newcomer):
     assert newcomer.errors == []
 
 
-def test_calibration_screen_on_a_phone_begins_with_its_task(on_a_phone):
+def test_calibration_screen_on_phone_shows_task_first(on_a_phone):
     page = on_a_phone.start_calibration().page
     page.wait_for_selector("[data-action=accept]")
     on_a_phone.until("document.querySelector('.task').textContent.includes('still; continue')")

@@ -37,7 +37,7 @@ def joint3_rad(arm):
     return true_joints(arm)["joint3"]
 
 
-def test_shown_arm_follows_its_leader_until_it_is_stopped(page, two):
+def test_follower_on_page_follows_leader_until_stopped(page, two):
     operator = Operator(page, two)
     leader, follower = (two.app.arms.find(name).arm_thread.arm for name in ("planar3-2", "planar3"))
     page.click("#speeds button[value=fast]")

@@ -19,7 +19,7 @@ SLOW_FRAMES = """(() => {
 WIDTH = "document.getElementById('drawing').width"
 
 
-def test_slow_page_draws_less_and_says_why(browser, view):
+def test_slow_page_reduces_drawing_detail_and_says_why(browser, view):
     context = browser.new_context(viewport={"width": 700, "height": 600}, device_scale_factor=2)
     operator = Operator(context.new_page(), view)
     level = "window.ikservo.frameTime.level"

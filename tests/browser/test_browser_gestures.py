@@ -19,13 +19,13 @@ def aside(operator, move_px):
     return operator.served.tip_m() + along
 
 
-def test_click_in_live_moves_the_tip_there(live):
+def test_browser_click_in_live_mode_moves_tip_to_that_point(live):
     goal_m = aside(live, ASIDE)
     live.click(live.tip_px() + ASIDE).until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
 @pytest.mark.campaign
-def test_click_in_preview_moves_nothing(operator):
+def test_browser_click_in_preview_mode_moves_nothing(operator):
     before = operator.served.goals()
     operator.click(operator.tip_px() + ASIDE).wait_for(
         "items.some(({ style }) => style === 'ghost')"
@@ -69,7 +69,7 @@ def test_link_behind_another_is_chosen_by_key_and_second_click(operator):
 
 
 @pytest.mark.campaign
-def test_live_switched_on_after_a_preview_moves_nothing(operator):
+def test_enabling_live_mode_after_preview_moves_nothing(operator):
     before = operator.served.ticks()
     operator.click(operator.tip_px() + ASIDE).wait_for("status.tip.length > 1")
     operator.enable_live().until_still()
@@ -85,13 +85,13 @@ def test_grabbed_elbow_follows_the_pointer(live):
 
 
 @pytest.mark.campaign
-def test_joints_beyond_a_grabbed_link_stay(live):
+def test_dragging_link_keeps_joints_beyond_it(live):
     before = live.served.ticks()
     live.drag(live.hub_px("wrist_flex"), np.array([25.0, 20.0])).until_still().release()
     assert max(abs(live.served.ticks()[i] - before[i]) for i in (5, 6)) <= 1
 
 
-def test_drag_out_of_reach_ends_at_the_border_inside_limits(live):
+def test_drag_out_of_reach_ends_at_workspace_border(live):
     goals = []
     live.drag(live.tip_px(), np.array([420.0, -150.0]), steps=20)
     for _ in range(20):
@@ -123,7 +123,7 @@ def test_shift_drag_turns_one_joint_only(live):
 
 
 @pytest.mark.campaign
-def test_wheel_notch_turns_a_joint_by_one_degree(live):
+def test_mouse_wheel_notch_in_browser_turns_joint_by_1_degree(live):
     before = live.served.ticks()
     live.page.mouse.move(*live.over(live.hub_px("elbow_flex")))
     live.page.mouse.wheel(0, -500)
@@ -148,7 +148,7 @@ def test_arrow_keys_move_the_tip(live, key, way_mm):
     live.until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
-def test_tap_of_a_finger_moves_the_tip_there(visit):
+def test_finger_tap_moves_tip_to_tapped_point(visit):
     operator = visit(has_touch=True).enable_live().until_still()
     move = np.array([-50.0, -40.0])
     goal_m = aside(operator, move)
@@ -157,7 +157,7 @@ def test_tap_of_a_finger_moves_the_tip_there(visit):
 
 
 @pytest.mark.campaign
-def test_click_after_resize_on_high_dpi_screen_hits_its_point(visit):
+def test_click_after_resize_on_high_dpi_screen_is_exact(visit):
     operator = visit(device_scale_factor=2)
     operator.page.set_viewport_size({"width": 800, "height": 900})
     operator.wait_for_picture()
@@ -244,7 +244,7 @@ MOVE_ON = """() => {
 }"""
 
 
-def test_pointer_messages_confirm_the_drawn_frame_themselves(operator):
+def test_pointer_messages_acknowledge_frames_without_heartbeat(operator):
     operator.page.evaluate(MOVE_ON)
     operator.until("(confirmedBy.pointer ?? 0) > 60")
     assert operator.page.evaluate("confirmedBy.heartbeat ?? 0") <= 2  # before the first move
@@ -274,7 +274,7 @@ def test_two_finger_pinch_zooms_and_moves_nothing(visit):
 @pytest.mark.campaign
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
 @pytest.mark.parametrize("solver", ["ccd", "pseudo_inverse"])
-def test_chosen_solver_shows_its_iterations(operator, solver):
+def test_chosen_solver_iterations_are_shown_on_page(operator, solver):
     operator.open_solver().page.click(f"#solvers button[value={solver}]")
     operator.wait_for(f"status.solver.name === '{solver}'")
     operator.click(operator.tip_px() + 2 * ASIDE)

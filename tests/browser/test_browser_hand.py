@@ -95,7 +95,7 @@ def grab(live, move_px=(0, 0), steps=20):
     live.page.mouse.move(*(start_px + move_px), steps=steps)
 
 
-def test_finger_sliding_on_the_field_moves_the_tip(live):
+def test_finger_sliding_on_touch_field_moves_tip(live):
     before_m = live.served.tip_m()
     grab(opened(live), (-60, -30))
     live.until_near(live.served.tip_m, before_m + np.array([0.0, 60 * PX_M, 30 * PX_M]), NEAR_MM)
@@ -110,7 +110,7 @@ def test_finger_sliding_on_the_field_moves_the_tip(live):
     live.release()
 
 
-def test_finger_that_was_lifted_unnoticed_lets_go(live):
+def test_missed_finger_release_opens_clutch_at_next_move(live):
     grab(opened(live))
     move = "new PointerEvent('pointermove', { pointerId: 1, buttons: 0 })"
     live.page.evaluate(f"document.getElementById('hand-hold').dispatchEvent({move})")
@@ -118,7 +118,7 @@ def test_finger_that_was_lifted_unnoticed_lets_go(live):
     live.release()
 
 
-def test_side_at_which_the_user_stands_turns_the_motion(live):
+def test_user_facing_the_arm_gets_reversed_hand_motion(live):
     before_m = live.served.tip_m()
     opened(live).page.click("#hand-sides [value=facing]")
     grab(live, (-60, 0))
@@ -134,7 +134,7 @@ def phone(visit):
     return opened(operator.enable_live().until_still())
 
 
-def test_second_finger_on_a_phone_moves_the_tip_forward(phone):
+def test_second_finger_on_phone_moves_tip_forward(phone):
     before_m, (x, y) = phone.served.tip_m(), middle_px(phone).tolist()
     touch = phone.page.context.new_cdp_session(phone.page)
 
@@ -168,7 +168,7 @@ HIDE = """for (const [name, value] of [["hidden", true], ["visibilityState", "hi
 document.dispatchEvent(new Event("visibilitychange"));"""
 
 
-def test_hidden_page_opens_the_clutch_and_ends_live(live):
+def test_hidden_page_opens_clutch_and_ends_live_mode(live):
     grab(opened(live), (-40, 0))
     live.page.evaluate(HIDE)
     live.wait_for("!status.live").until(HELD % "false")
@@ -176,7 +176,7 @@ def test_hidden_page_opens_the_clutch_and_ends_live(live):
 
 
 @OWN
-def test_gyroscope_turns_the_tool_while_its_tip_stays(live):
+def test_phone_gyroscope_turns_tool_and_keeps_tip(live):
     before, before_m = live.served.joints(), live.served.tip_m()
     opened(live)
     event = "new DeviceOrientationEvent('deviceorientation', {alpha: 0, beta: %s, gamma: 0})"
@@ -203,7 +203,7 @@ EVENT = """dispatchEvent(new DeviceOrientationEvent(
 
 
 @OWN
-def test_phone_held_sideways_pitches_the_tool(live):
+def test_phone_in_landscape_orientation_pitches_tool(live):
     before = live.served.joints()
     opened(live)
     live.page.evaluate(ORIENT, 90)
@@ -222,7 +222,7 @@ def test_phone_held_sideways_pitches_the_tool(live):
     live.release()
 
 
-def test_phone_that_points_straight_up_does_not_take_hold(live):
+def test_phone_pointing_straight_up_does_not_close_clutch(live):
     opened(live)
     live.page.evaluate(EVENT % (0, 135, 0))
     live.page.mouse.move(*middle_px(live))
@@ -253,7 +253,7 @@ def squeeze(operator, value):
 
 
 @OWN
-def test_squeezed_controller_of_a_headset_moves_the_tip(headset):
+def test_headset_controller_moves_tip_while_squeezed(headset):
     served, before_m = headset.served, headset.served.tip_m()
     move_controller(headset, (0.2, 0.1, 0.0))
     headset.until_still()
@@ -277,7 +277,7 @@ LOST = (
 
 
 @pytest.mark.parametrize("lost", LOST)
-def test_arm_holds_when_the_headset_loses_the_hand(headset, lost):
+def test_arm_holds_if_headset_loses_tracking_of_hand(headset, lost):
     served = headset.served
     squeeze(headset, 1)
     move_controller(headset, (-0.02, 0.0, 0.0))
@@ -302,7 +302,7 @@ def press_again(headset, name="controller"):
     headset.until(HELD % "true")
 
 
-def test_other_hand_that_squeezes_already_must_squeeze_again(headset):
+def test_other_hand_already_squeezing_must_squeeze_again(headset):
     squeeze(headset, 1)
     headset.page.evaluate("device.controllers.left.updateButtonValue('squeeze', 1)")
     headset.page.wait_for_timeout(100)
@@ -311,7 +311,7 @@ def test_other_hand_that_squeezes_already_must_squeeze_again(headset):
     press_again(headset, "device.controllers.left")
 
 
-def test_squeeze_after_lost_tracking_must_be_repeated(headset):
+def test_controller_squeeze_must_be_repeated_after_lost_tracking(headset):
     squeeze(headset, 1)
     headset.page.evaluate("isGuessed = true")
     headset.until(HELD % "false")
@@ -320,14 +320,14 @@ def test_squeeze_after_lost_tracking_must_be_repeated(headset):
     press_again(headset)
 
 
-def test_squeeze_while_the_space_is_recentred_must_be_repeated(headset):
+def test_squeeze_during_recentring_of_headset_must_be_repeated(headset):
     squeeze(headset, 1)
     headset.page.evaluate("localSpace.dispatchEvent(new Event('reset'))")
     headset.until(HELD % "false")
     headset.until(SAYS % "Let go first")
 
 
-def test_session_that_cannot_draw_is_ended(headset):
+def test_headset_session_that_cannot_draw_is_ended(headset):
     headset.page.evaluate("device.activeSession.end()")
     headset.until("!document.body.hasAttribute('data-xr')")
     headset.page.evaluate("void (window.XRWebGLLayer = class { constructor() { throw Error(); } })")
@@ -339,7 +339,7 @@ def test_session_that_cannot_draw_is_ended(headset):
     assert headset.page.evaluate(SAYS % "AR cannot start here"), "the answer replaced the error"
 
 
-def test_squeeze_through_a_stop_must_be_repeated(headset):
+def test_squeeze_held_during_stop_must_be_repeated(headset):
     squeeze(headset, 1)
     headset.page.keyboard.press("Escape")
     headset.wait_for("status.mode === 'stopped'").until(HELD % "false")
@@ -355,7 +355,7 @@ ENDS = {
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_gripper_stops_when_the_pulled_trigger_is_gone(headset, end):
+def test_gripper_stops_if_controller_with_held_trigger_is_lost(headset, end):
     squeeze(headset, 1)
     headset.page.evaluate("controller.updateButtonValue('trigger', 0.2)")
     start = headset.served.goals()[GRIPPER]
@@ -368,20 +368,20 @@ def test_gripper_stops_when_the_pulled_trigger_is_gone(headset, end):
     assert headset.served.goals()[GRIPPER] == there
 
 
-def test_hand_far_from_its_origin_moves_the_tip(headset):
+def test_controller_far_from_tracking_origin_is_accepted(headset):
     headset.page.evaluate("controller.position.x += 30")
     headset.page.wait_for_timeout(100)
     squeeze(headset, 1)
     headset.until(SAYS % "Moves with your hand")
 
 
-def test_upper_button_of_the_controller_stops_the_arm(headset):
+def test_upper_controller_button_stops_arm(headset):
     headset.page.evaluate("controller.updateButtonValue('b-button', 1)")
     headset.wait_for("status.mode === 'stopped'")
 
 
 @OWN
-def test_pose_reaches_the_registers_within_60_ms(headset):
+def test_controller_motion_reaches_servo_goals_within_60_ms(headset):
     """The controller steps to the side, by 60 ticks of the first joint."""
     took_s = []
     squeeze(headset, 1)

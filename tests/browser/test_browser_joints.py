@@ -28,7 +28,7 @@ def row(operator, joint):
     return operator.page.locator(f"[data-joint={joint}]")
 
 
-def test_number_step_and_slider_turn_the_named_joint(live):
+def test_number_field_step_button_and_slider_turn_their_joint(live):
     before = tick_of(live, "wrist_roll")
     field = row(live, "wrist_roll").locator("input[type=text]")
     field.fill("20")
@@ -41,7 +41,7 @@ def test_number_step_and_slider_turn_the_named_joint(live):
     until_turned(live, "wrist_roll", before, 0.0)
 
 
-def test_bad_joint_number_is_refused_and_nothing_moves(live):
+def test_invalid_joint_number_is_refused_without_motion(live):
     before = live.served.goals()
     field = row(live, "elbow_flex").locator("input[type=text]")
     for typed, words in [
@@ -57,7 +57,7 @@ def test_bad_joint_number_is_refused_and_nothing_moves(live):
     assert live.errors == []
 
 
-def test_controls_in_preview_move_only_the_ghost(operator):
+def test_joint_controls_in_preview_mode_move_only_preview(operator):
     before = operator.served.goals()
     operator.page.fill("#tool-direction", "0 0 -1")
     operator.page.press("#tool-direction", "Enter")
@@ -77,21 +77,21 @@ def test_controls_in_preview_move_only_the_ghost(operator):
 
 
 @pytest.mark.campaign
-def test_short_click_opens_the_gripper_a_little(live):
+def test_short_click_on_gripper_button_opens_it_a_little(live):
     before = tick_of(live, "gripper")
     live.page.click("#gripper-open")
     until(lambda: abs(tick_of(live, "gripper") - before) > 30)
 
 
 @pytest.mark.campaign
-def test_typed_tool_height_moves_the_tip_there(live):
+def test_typed_tool_height_moves_tip_to_that_height(live):
     goal_m = live.served.tip_m() + np.array([0.0, 0.0, 0.03])
     live.page.fill("#tool-z", f"{1000 * goal_m[2]:.1f}")
     live.page.press("#tool-z", "Enter")
     live.until_near(live.served.tip_m, goal_m, 3.0)
 
 
-def test_torque_switch_needs_two_presses_for_off_and_one_for_on(operator):
+def test_torque_switch_needs_two_presses_only_for_off(operator):
     switch = row(operator, "gripper").get_by_role("switch")
     own = servo_id("so101", "gripper")
 

@@ -50,7 +50,7 @@ def test_stop_banner_and_plots_cover_neither_arm_nor_panel(reader):
     assert reader.items("measured")
 
 
-def test_first_hint_stands_beside_the_tip_until_a_drag(reader):
+def test_first_hint_is_shown_beside_tip_until_first_drag(reader):
     mission = reader.page.locator("#mission")
     reader.until("!document.getElementById('mission').hidden")
     (box,) = boxes(reader, "#mission")
@@ -64,14 +64,14 @@ def test_first_hint_stands_beside_the_tip_until_a_drag(reader):
     assert mission.is_hidden()
 
 
-def test_stopped_arm_is_not_covered_by_hints(reader):
+def test_hints_do_not_cover_drawing_of_stopped_arm(reader):
     reader.page.click("#stop")
     reader.wait_for("status.mode === 'stopped'")
     for selector in ("#hint", "#mission"):
         reader.page.locator(selector).wait_for(state="hidden")
 
 
-def test_go_there_button_is_at_target_or_in_bar_of_narrow_page(reader):
+def test_go_there_button_is_at_target_or_in_bar_on_narrow_page(reader):
     reader.drag(reader.tip_px(), (40.0, -60.0)).release()
     reader.wait_for("status.target && !status.refused")
     reader.until("!document.getElementById('execute').disabled")
@@ -97,14 +97,14 @@ def test_go_there_button_does_not_cover_the_corner_readout(browser, shared):
     context.close()
 
 
-def test_readout_shows_only_tip_and_solver_shows_posture(reader):
+def test_readout_shows_tip_and_solver_panel_shows_posture(reader):
     assert [each.inner_text() for each in reader.page.locator(".readout dt").all()] == ["tip"]
     assert reader.page.locator("#posture").is_hidden()
     reader.open_solver()
     expect(reader.page.locator("#posture")).to_contain_text("manipulability")
 
 
-def test_full_server_is_reported_until_it_accepts_clients(browser, shared, monkeypatch):
+def test_page_reports_full_server_until_it_is_accepted(browser, shared, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.server.server._MAX_CLIENTS", 0)
     context = browser.new_context()
     page = with_long_timeout(context.new_page())
@@ -125,7 +125,7 @@ def test_long_message_is_shown_from_its_first_line(reader):
     assert message["y"] >= log["y"] - 1
 
 
-def test_last_card_of_phone_page_ends_above_the_fixed_bar(visit):
+def test_last_panel_on_phone_is_not_covered_by_fixed_bar(visit):
     operator = visit()
     operator.page.set_viewport_size({"width": 390, "height": 844})
     operator.wait_for_picture()
@@ -135,7 +135,7 @@ def test_last_card_of_phone_page_ends_above_the_fixed_bar(visit):
 
 
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 900), (1100, 720)])
-def test_mode_tools_and_readout_do_not_overlap(visit, width, height):
+def test_page_mode_text_tools_and_readout_do_not_overlap(visit, width, height):
     operator = visit()
     page = operator.page
     page.set_viewport_size({"width": width, "height": height})

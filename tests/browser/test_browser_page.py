@@ -80,7 +80,7 @@ def test_page_text_has_enough_contrast_in_both_schemes(reader, scheme):
     reader.wait_for("status.mode === 'preview'")
 
 
-def test_page_shows_every_button_on_a_desktop(reader):
+def test_page_shows_every_button_on_desktop_screen(reader):
     reader.page.set_viewport_size({"width": 1280, "height": 800})
     reader.wait_for_picture()
     assert reader.page.evaluate(BELOW) == []
@@ -99,7 +99,7 @@ def test_page_controls_have_names_and_top_to_bottom_tab_order(reader):
 
 
 @pytest.mark.smoke
-def test_page_views_speeds_and_live_are_chosen_by_keyboard(reader):
+def test_views_speeds_and_live_mode_are_chosen_by_keyboard(reader):
     reader.page.focus("#views [aria-checked=true]")
     reader.page.keyboard.press("ArrowRight")
     reader.wait_for("document.querySelector('#views [aria-checked=true]').value === 'top'")
@@ -111,14 +111,14 @@ def test_page_views_speeds_and_live_are_chosen_by_keyboard(reader):
     reader.wait_for("status.live")
 
 
-def test_page_fits_a_phone_and_buttons_fit_a_finger(reader):
+def test_page_fits_phone_and_buttons_are_finger_sized(reader):
     reader.page.set_viewport_size({"width": 390, "height": 844})
     reader.wait_for_picture()
     assert reader.page.evaluate("document.documentElement.scrollWidth") <= 390
     assert reader.page.evaluate(SMALL, 24) == []  # WCAG 2.2, 2.5.8
 
 
-def test_joint_meter_names_position_and_limits(reader):
+def test_joint_meter_shows_position_and_limits(reader):
     meter = reader.page.locator("[data-joint=elbow_flex] [role=meter]")
     assert meter.get_attribute("aria-label") == "elbow_flex"
     assert meter.get_attribute("aria-valuetext").endswith("of -96.8° to 96.8°")

@@ -59,7 +59,7 @@ def moved_cube_m(operator):
 
 
 @pytest.mark.timeout(240)
-def test_cube_is_picked_and_placed_by_two_clicks(operator):
+def test_two_clicks_on_page_pick_and_place_cube(operator):
     switch = operator.page.get_by_role("switch", name="Pick up")
     switch.click()
     expect(switch).to_be_checked()

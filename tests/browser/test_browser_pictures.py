@@ -27,7 +27,7 @@ def taken(operator, path):
     return path.stat().st_size
 
 
-def test_picture_of_arm_in_2d_drawing_is_taken(visit, album):
+def test_screenshot_of_arm_in_2d_drawing_is_written(visit, album):
     operator = visit(color_scheme="dark").enable_live()
     operator.click(operator.tip_px() + np.array([30.0, -120.0])).until_moving().until_still()
     operator.drag(operator.hub_px("wrist_flex"), np.array([45.0, 10.0])).until_still()
@@ -88,7 +88,7 @@ class Film:
 
 
 @pytest.mark.timeout(600)  # each picture takes a second of a busy core
-def test_film_of_drag_in_3d_is_taken(orbiting, album):
+def test_animation_of_drag_in_3d_is_written(orbiting, album):
     page, film = orbiting.page, Film(orbiting.page)
     page.evaluate(POINTER)
     page.wait_for_timeout(1500)  # for the region of reach
@@ -110,7 +110,7 @@ def test_film_of_drag_in_3d_is_taken(orbiting, album):
 
 
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
-def test_picture_of_planar_solver_is_taken(visit, album):
+def test_screenshot_of_planar_solver_is_written(visit, album):
     operator = visit(color_scheme="light")
     operator.open_solver().page.click("#solvers button[value=ccd]")
     operator.wait_for("status.solver.name === 'ccd'")
@@ -118,7 +118,7 @@ def test_picture_of_planar_solver_is_taken(visit, album):
     assert taken(operator, album / "view_planar.png") > 20_000
 
 
-def test_picture_of_page_on_a_phone_is_taken(visit, album):
+def test_screenshot_of_page_on_phone_is_written(visit, album):
     operator = visit(
         color_scheme="dark", is_mobile=True, has_touch=True, device_scale_factor=2,
         screen={"width": 390, "height": 844},
@@ -131,7 +131,7 @@ def test_picture_of_page_on_a_phone_is_taken(visit, album):
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("view", [{"port": "sim:?hand=calibrate"}], indirect=True, ids=["own"])
-def test_film_of_calibration_is_taken(orbiting, album):
+def test_animation_of_calibration_is_written(orbiting, album):
     page, film = orbiting.start_calibration().page, Film(orbiting.page)
     page.wait_for_selector("#calibration:not([hidden])")
     for _ in range(20):  # the arm has to lie still first

@@ -63,7 +63,7 @@ def test_plots_show_joint_positions_and_only_chosen_quantities(operator):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1600, "light")])
-def test_plots_are_legible_and_named_and_fit_a_finger(visit, width, scheme):
+def test_plots_are_legible_labelled_and_finger_sized(visit, width, scheme):
     operator = visit(color_scheme=scheme, reduced_motion="reduce")
     operator.page.set_viewport_size({"width": width, "height": 844})
     open_plots(operator)
@@ -74,7 +74,7 @@ def test_plots_are_legible_and_named_and_fit_a_finger(visit, width, scheme):
 
 
 @pytest.mark.parametrize("view", [{"port": "sim"}], indirect=True, ids=["at rest"])
-def test_plots_on_a_phone_are_below_arm_with_curves_first(visit):
+def test_plots_on_phone_are_below_arm(visit):
     operator = visit()
     page = operator.page
     page.set_viewport_size({"width": 390, "height": 844})

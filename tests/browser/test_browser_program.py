@@ -62,7 +62,7 @@ def places(operator):
     )
 
 
-def test_program_of_two_taught_poses_is_ordered_saved_and_played(empty, home):
+def test_taught_program_is_reordered_saved_and_played_on_page(empty, home):
     page, before = empty.page, roll_deg(empty)
     page.click("#program-speed button[value=fast]")
     teach_roll(empty, 25)
@@ -94,7 +94,7 @@ def test_program_of_two_taught_poses_is_ordered_saved_and_played(empty, home):
     assert roll_deg(empty) == pytest.approx(-15.0, abs=1.0)
 
 
-def test_stop_ends_program_and_nothing_moves_when_acknowledged(empty):
+def test_stopped_program_does_not_move_after_acknowledgement(empty):
     page = empty.page
     teach_roll(empty, 80)
     teach_roll(empty, -80)
@@ -147,7 +147,7 @@ def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     assert empty.errors == []
 
 
-def test_recording_of_limp_arm_starts_and_ends_by_one_button(empty):
+def test_record_button_starts_and_ends_recording_of_limp_arm(empty):
     empty.page.click("#release")
     empty.page.click("#release")
     empty.wait_for(

@@ -79,7 +79,7 @@ class RandomPerson:
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ARMS)
-def test_random_presses_do_not_send_goals_outside_limits(browser, name, seed):
+def test_random_page_input_does_not_send_goals_outside_limits(browser, name, seed):
     with serve_view(name, "sim:" if seed % 2 else "sim:?pose=home") as served:
         audit, context = Auditor(served.arm), browser.new_context()
         operator = Operator(context.new_page(), served)

@@ -78,7 +78,7 @@ def test_page_reports_unplugged_adapter(live):
 
 @pytest.mark.campaign  # on a busy machine every page hangs a little
 @pytest.mark.parametrize("view", [{"dead_man_s": 0.3}], indirect=True)
-def test_hanging_page_ends_live_and_arm_holds(visit):
+def test_unresponsive_page_ends_live_mode_and_arm_holds(visit):
     operator = visit()
     under_way(operator.enable_live())
     operator.page.evaluate(HANG)
@@ -87,7 +87,7 @@ def test_hanging_page_ends_live_and_arm_holds(visit):
 
 
 @pytest.mark.parametrize("view", [{"dead_man_s": 0.3}], indirect=True)
-def test_planned_motion_continues_while_page_hangs(operator):
+def test_planned_motion_continues_if_page_is_unresponsive(operator):
     operator.page.fill("[data-joint=shoulder_pan] input[type=text]", "60")
     operator.page.keyboard.press("Enter")
     operator.page.click("#execute:enabled")
@@ -98,7 +98,7 @@ def test_planned_motion_continues_while_page_hangs(operator):
 
 
 @pytest.mark.campaign
-def test_hidden_page_ends_live_and_arm_holds(live):
+def test_hidden_page_ends_live_mode_and_arm_holds(live):
     under_way(live)
     live.page.evaluate(
         "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden' });"
@@ -107,7 +107,7 @@ def test_hidden_page_ends_live_and_arm_holds(live):
     live.wait_for("!status.live && status.mode === 'preview'").until_still()
 
 
-def test_reloaded_page_holds_the_arm_and_begins_slow_preview(live):
+def test_reloaded_page_starts_in_slow_preview_and_arm_holds(live):
     under_way(live)
     live.page.reload()
     live.until(SHOWN).wait_for(
@@ -127,7 +127,7 @@ def test_second_page_watches_and_moves_nothing(live, visit):
 
 
 @pytest.mark.campaign
-def test_refused_action_is_reported_and_banner_disappears(operator, visit):
+def test_refused_action_is_shown_on_banner_that_disappears(operator, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
@@ -137,7 +137,7 @@ def test_refused_action_is_reported_and_banner_disappears(operator, visit):
 
 
 @pytest.mark.campaign
-def test_page_takes_control_of_another_page_and_arm_holds(live, visit):
+def test_taking_control_from_another_page_makes_arm_hold(live, visit):
     other = visit()
     other.page.click("#take")
     other.wait_for("status.controller === 'you' && status.mode === 'preview'")
@@ -145,7 +145,7 @@ def test_page_takes_control_of_another_page_and_arm_holds(live, visit):
 
 
 @pytest.mark.campaign
-def test_watching_page_has_live_and_stop_disabled(visit, operator):
+def test_watching_page_has_live_and_stop_buttons_disabled(visit, operator):
     watcher = visit(watch=True)
     expect(watcher.page.locator("#live")).to_be_disabled()
     expect(watcher.page.locator("#stop")).to_be_disabled()
@@ -170,7 +170,7 @@ def test_page_of_another_origin_is_refused(operator, browser):
 
 
 @pytest.mark.campaign
-def test_wrong_page_key_is_reported(operator):
+def test_wrong_access_key_is_reported_on_page(operator):
     page = with_long_timeout(operator.page.context.new_page())
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
@@ -178,7 +178,7 @@ def test_wrong_page_key_is_reported(operator):
 
 
 @pytest.mark.campaign
-def test_page_key_is_never_sent_in_clear_text(browser, view):
+def test_access_key_of_page_is_never_sent_in_clear_text(browser, view):
     context = browser.new_context()
     page, seen = with_long_timeout(context.new_page()), []
 

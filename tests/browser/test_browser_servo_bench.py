@@ -79,7 +79,7 @@ def bench(browser, request, tmp_path, monkeypatch):
         context.close()
 
 
-def test_servo_page_reads_writes_refuses_and_marks_registers(bench):
+def test_servo_page_reads_writes_and_protects_registers(bench):
     bench.choose()
     field = bench.page.locator(ROW.format("p_gain") + " input")
     assert field.input_value() == str(bench.servos[ELBOW].read("p_gain"))
@@ -191,7 +191,7 @@ def test_servo_page_with_watch_key_writes_nothing(bench):
     assert len(bench.app.lines) == opened, "no port but the one that was named"
 
 
-def test_servo_page_is_legible_and_fits_a_finger(bench):
+def test_servo_page_is_legible_and_finger_sized(bench):
     bench.choose()
     bench.page.click("#plot")
     bench.page.wait_for_selector(".chart canvas")

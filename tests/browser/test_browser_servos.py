@@ -47,7 +47,7 @@ def test_servo_panel_reads_filters_and_writes_a_register(operator):
     operator.page.wait_for_selector("[data-joint=wrist_roll] .torque[aria-checked=true]")
 
 
-def test_servo_panel_is_legible_and_fits_a_finger(visit):
+def test_servo_panel_is_legible_and_finger_sized(visit):
     operator = open_servo(visit(color_scheme="dark"))
     operator.page.set_viewport_size({"width": 390, "height": 844})
     assert operator.page.evaluate(CONTRAST) == []

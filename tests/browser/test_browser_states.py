@@ -21,7 +21,7 @@ def below_the_table(operator):
 REFUSED = "status.refused && scene.refusal"
 
 
-def test_preview_refuses_target_below_table_beside_pointer(operator):
+def test_preview_shows_refusal_below_table_beside_pointer(operator):
     at = below_the_table(operator)
     drawn = " && ".join(
         f"items.some(({{ style }}) => style === '{each}')"
@@ -48,7 +48,7 @@ SLOW_FRAMES = """(frame_ms) => {
 }"""  # as 3D without a graphics card, in a browser that still hears from the server
 
 
-def test_click_on_picture_older_than_1_s_says_it_did_nothing(operator):
+def test_click_on_picture_older_than_1_s_is_ignored_with_notice(operator):
     page, before = operator.page, operator.served.goals()
     page.evaluate(SLOW_FRAMES, 1300)
     reported = page.locator("#banner-message", has_text="more than 1 s old, so nothing was done")
@@ -62,7 +62,7 @@ def test_click_on_picture_older_than_1_s_says_it_did_nothing(operator):
     assert page.locator("#log", has_text="nothing was done").count() == 1
 
 
-def test_refusal_of_typed_target_is_shown_as_long_as_in_drawing(operator):
+def test_refusal_of_typed_target_is_shown_as_long_as_on_drawing(operator):
     page = operator.page
     page.evaluate(SLOW_FRAMES, 400)  # what it says is here before its picture
     page.fill("#tool-z", "-60")
@@ -85,7 +85,7 @@ SLOW_PROOF = """(() => {
 })()"""
 
 
-def test_page_connects_again_if_its_key_proof_is_late(browser, view):
+def test_page_reconnects_if_its_key_proof_is_late(browser, view):
     context = browser.new_context()
     context.add_init_script(SLOW_PROOF)
     try:
@@ -95,7 +95,7 @@ def test_page_connects_again_if_its_key_proof_is_late(browser, view):
 
 
 @pytest.mark.campaign
-def test_live_refuses_target_below_table_and_keeps_goals(live):
+def test_live_mode_refuses_target_below_table_and_keeps_goals(live):
     before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
     assert live.items("target_refused")
@@ -105,14 +105,14 @@ def test_live_refuses_target_below_table_and_keeps_goals(live):
 
 
 @pytest.mark.parametrize("view", [{"calibrated": False}], indirect=True, ids=["uncalibrated"])
-def test_uncalibrated_arm_says_so_beside_calibrate_button(operator):
+def test_uncalibrated_arm_is_reported_beside_calibrate_button(operator):
     expect(operator.page.locator("#unit")).to_have_text("not calibrated")
     expect(operator.page.locator("#calibrate")).to_be_enabled()
     expect(operator.page.locator("#live")).to_be_disabled()
     expect(operator.page.locator("#mode")).to_contain_text("not calibrated")
 
 
-def test_live_ended_by_hidden_page_resumes_by_one_button(live):
+def test_live_mode_ended_by_hidden_page_resumes_by_one_button(live):
     live.page.evaluate(
         "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden', configurable: true });"  # noqa: E501
         "document.dispatchEvent(new Event('visibilitychange'));"
@@ -142,7 +142,7 @@ def test_page_reports_limp_servo_and_low_supply_voltage(operator):
 
 
 @pytest.mark.campaign
-def test_messages_of_arm_and_guard_are_listed_in_time_order(operator):
+def test_page_lists_messages_in_chronological_order(operator):
     operator.click(below_the_table(operator)).wait_for(REFUSED)
     operator.page.click("#stop")
     operator.wait_for("status.mode === 'stopped'")

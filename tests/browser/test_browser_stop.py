@@ -48,7 +48,7 @@ def test_stop_button_is_visible_at_every_scroll_position(visit, width, scheme):
 @pytest.mark.parametrize(
     "width", [820, pytest.param(390, marks=pytest.mark.campaign)], ids="{} px".format
 )
-def test_stop_button_works_by_one_touch_at_foot_of_page(visit, width):
+def test_stop_button_at_page_bottom_works_with_one_touch(visit, width):
     operator = visit(has_touch=True)
     operator.page.set_viewport_size({"width": width, "height": 900})
     operator.wait_for_picture()
@@ -64,7 +64,7 @@ def middle_of(operator, selector):
 
 
 @OWN
-def test_page_without_server_disables_stop_and_shows_data_age(operator):
+def test_page_without_server_disables_stop_and_marks_data_old(operator):
     operator.served.server.close()
     operator.until("document.body.dataset.mode === 'lost'")
     expect(operator.page.locator("#stop")).to_be_disabled()
@@ -79,7 +79,7 @@ def test_page_without_server_disables_stop_and_shows_data_age(operator):
 
 
 @OWN
-def test_hanging_server_is_reported_until_it_answers(operator):
+def test_unresponsive_server_is_reported_until_it_answers(operator):
     controller = operator.served.view.controller
     controller.frames = lambda _: []
     operator.until("document.body.dataset.mode === 'silent'")

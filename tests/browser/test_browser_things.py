@@ -42,7 +42,7 @@ def type_until(operator, label, value, is_there):
     operator.repeat(lambda: type_number(operator, label, value), is_there)
 
 
-def test_box_is_added_placed_named_and_removed_on_page(operator):
+def test_page_adds_places_names_and_removes_box(operator):
     add(operator, "box", "the box 1")
     type_number(operator, "the box 1: x, mm", "150")
     type_number(operator, "the box 1: y, mm", "0")
@@ -58,7 +58,7 @@ def test_box_is_added_placed_named_and_removed_on_page(operator):
     operator.page.wait_for_function("() => !document.querySelector('#things li')")
 
 
-def test_invalid_size_of_thing_is_refused_in_a_sentence(operator):
+def test_invalid_size_of_scene_object_is_refused_with_message(operator):
     add(operator, "sphere", "the ball 1")
     type_number(operator, "the ball 1: radius, mm", "-5")
     operator.page.wait_for_selector("#log :text('radius_m')")
@@ -79,7 +79,7 @@ def test_cylinder_is_dragged_along_the_table(operator):
     assert scene_of(operator).things[0].row[11] == pytest.approx(0.03)
 
 
-def test_things_panel_is_legible_and_fits_a_finger(visit):
+def test_scene_panel_is_legible_and_finger_sized(visit):
     operator = visit(color_scheme="dark")
     add(operator, "box", "the box 1")
     operator.page.set_viewport_size({"width": 390, "height": 844})
@@ -88,7 +88,7 @@ def test_things_panel_is_legible_and_fits_a_finger(visit):
     assert all(operator.page.evaluate(NAMES))
 
 
-def test_other_arm_is_placed_and_removed_as_a_thing(browser):
+def test_second_arm_is_placed_and_removed_as_scene_object(browser):
     with opened_panel(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as served:
         context = browser.new_context(viewport={"width": 1100, "height": 720})
         operator = Operator(context.new_page(), served)

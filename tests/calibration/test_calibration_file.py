@@ -149,7 +149,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where"), SLIPS.values(), ids=SLIPS)
-def test_error_names_key_of_calibration_mistake(calibration, path, old, new, where):
+def test_calibration_file_error_names_its_key(calibration, path, old, new, where):
     body = body_of(calibration)
     assert old in body
     error = refusal(path, with_checksum(body.replace(old, new, 1)))
@@ -205,7 +205,7 @@ def accepts(path, data):
 
 
 @pytest.mark.parametrize("count", [600, pytest.param(100_000, marks=CAMPAIGN)])
-def test_mutated_calibration_is_refused_or_reads_the_same(calibration, path, count):
+def test_mutated_calibration_file_is_refused_or_unchanged(calibration, path, count):
     chance, text = random.Random(13), dump_calibration(calibration)
     taken = [accepts(path, mutated(text, chance)) for _ in range(count)]
     assert all(found in (None, calibration) for found in taken)
@@ -213,7 +213,7 @@ def test_mutated_calibration_is_refused_or_reads_the_same(calibration, path, cou
 
 
 @pytest.mark.parametrize("count", [300, pytest.param(100_000, marks=CAMPAIGN)])
-def test_mutated_calibration_with_checksum_keeps_sound_ranges(calibration, path, count):
+def test_mutated_calibration_with_right_checksum_is_validated(calibration, path, count):
     chance, body = random.Random(14), body_of(calibration)
     for _ in range(count):
         spoiled = mutated(body, chance).decode("utf-8", "replace").replace("\r", "")
@@ -228,7 +228,7 @@ def test_mutated_calibration_with_checksum_keeps_sound_ranges(calibration, path,
             assert all(abs(move) <= 50.0 for move in origin.moved_mm)
 
 
-def test_narrower_limit_of_sweep_and_user_binds_with_its_source(calibration):
+def test_narrower_of_swept_and_user_limit_applies_with_source(calibration):
     joint = calibration.joints[0].model_copy(
         update={"lower_deg": -60.0, "upper_deg": 70.0, "user_upper_deg": 30.0}
     )
@@ -237,7 +237,7 @@ def test_narrower_limit_of_sweep_and_user_binds_with_its_source(calibration):
     assert math.degrees(limits.lower.value) == pytest.approx(-60.0)
 
 
-def test_sweep_outside_arm_file_limits_names_both(calibration):
+def test_error_of_sweep_outside_arm_file_limits_names_both(calibration):
     joint = calibration.joints[0].model_copy(update={"lower_deg": 80.0, "upper_deg": 90.0})
     with pytest.raises(CalibrationError, match=r"80.0° \(hand sweep of 2026-11-02\).*arm file"):
         calibration.narrow_limits(joint, Limits.of("joint1", -1.0, 1.0, "arm file"))
@@ -247,11 +247,11 @@ def test_sweep_outside_arm_file_limits_names_both(calibration):
     ("58FA083", "so101-58FA083.toml"), ("", "so101.toml"), ("../../etc/x", "so101-etc_x.toml"),
     ("A" * 300, f"so101-{'A' * 64}.toml"), ("\0", "so101.toml"), ("C:\\x", "so101-C_x.toml"),
 ])  # fmt: skip
-def test_serial_number_keeps_calibration_path_in_its_folder(serial, name, tmp_path):
+def test_calibration_path_of_any_serial_number_stays_in_folder(serial, name, tmp_path):
     assert calibration_path("so101", serial) == tmp_path / "arms" / name
 
 
-def test_arm_name_keeps_calibration_path_in_its_folder(tmp_path):
+def test_calibration_path_of_any_arm_name_stays_in_folder(tmp_path):
     assert calibration_path("../../so101", "").parent == tmp_path / "arms"
 
 
@@ -273,7 +273,7 @@ def test_saved_calibration_is_loaded_for_its_adapter_only(calibration, path):
     assert load_calibration(calibration.arm, "another") is None
 
 
-def test_arm_without_calibration_loads_none():
+def test_loading_missing_calibration_returns_none():
     assert load_calibration("so101", "58FA") is None
 
 
@@ -283,5 +283,5 @@ def test_previous_calibration_is_kept_as_backup(calibration, path):
     assert path.with_name(f"{path.name}.bak").read_text() == before
 
 
-def test_parsed_calibration_text_is_a_calibration(calibration, path):
+def test_calibration_text_is_parsed_to_same_calibration(calibration, path):
     assert isinstance(parse_calibration(path, dump_calibration(calibration)), Calibration)

@@ -13,7 +13,7 @@ def issues_of(*joints, **more):
 
 
 @pytest.mark.parametrize("model", FAMILIES)
-def test_consistent_joint_has_no_issue(model):
+def test_consistent_joint_calibration_has_no_issue(model):
     travel = [100, 900] if model == "SCS15" else [1000, 3000]
     assert issues_of(joint(model=model, travel_ticks=travel)) == {}
 
@@ -36,7 +36,7 @@ def test_calibration_reports_unknown_and_missing_registers():
     }
 
 
-def test_joint_of_unknown_model_has_only_that_issue():
+def test_unknown_servo_model_is_reported_as_only_issue():
     assert [*issues_of(joint(model="STS9999"))] == [("joints", 0, "servo", "model")]
 
 
@@ -49,7 +49,7 @@ def test_origin_moved_twice_by_touch_off_is_reported():
     assert issues_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
 
 
-def test_duplicate_joint_name_and_id_are_reported_at_the_second():
+def test_duplicate_joint_name_or_id_is_reported_at_second_joint():
     issues = issues_of(joint(), joint("wrist", 2), joint("elbow", 1))
     assert issues == {
         ("joints", 2, "name"): ('repeats "elbow"', "a unique name"),
@@ -57,19 +57,19 @@ def test_duplicate_joint_name_and_id_are_reported_at_the_second():
     }
 
 
-def test_issue_of_other_servo_family_lists_expected_models():
+def test_issue_for_wrong_servo_family_lists_expected_models():
     stranger = joint("wrist", 2, model="SCS15", travel_ticks=[100, 900])
     found, expected = issues_of(joint(), stranger)["joints", 1, "servo", "model"]
     assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250, STS3235, HLS3606M")
 
 
 @pytest.mark.parametrize("tick", [0, 4095])
-def test_register_values_at_ends_of_range_are_accepted(tick):
+def test_calibration_register_values_at_range_ends_are_accepted(tick):
     assert issues_of(joint(holds={"max_position_limit": tick})) == {}
 
 
 @pytest.mark.parametrize("tick", [-1, 4096])
-def test_register_value_out_of_range_is_reported_with_range(tick):
+def test_calibration_register_out_of_range_is_reported(tick):
     issues = issues_of(joint(holds={"max_position_limit": tick}))
     place = ("joints", 0, "servo", "holds", "max_position_limit")
     assert issues == {place: (f"is {tick}", "0 to 4095")}
@@ -80,7 +80,7 @@ APART, ON_THE_SENSOR = "50 to 4095 ticks apart", "ticks from 0 to 4095"
 
 
 @pytest.mark.parametrize("travel", [[0, 50], [0, 4095], [4045, 4095]])
-def test_travel_from_50_ticks_to_whole_sensor_is_accepted(travel):
+def test_joint_travel_of_50_ticks_to_full_turn_is_accepted(travel):
     assert issues_of(joint(travel_ticks=travel)) == {}
 
 
@@ -94,12 +94,12 @@ def test_travel_from_50_ticks_to_whole_sensor_is_accepted(travel):
         ([4000, 4096], ON_THE_SENSOR),
     ],
 )
-def test_impossible_travel_is_reported_with_the_allowed_one(travel, expected):
+def test_impossible_joint_travel_is_reported_with_allowed_range(travel, expected):
     issues = issues_of(joint(travel_ticks=travel))
     assert issues == {PLACE: (f"is [{travel[0]}, {travel[1]}]", expected)}
 
 
-def test_multi_turn_servo_may_travel_beyond_its_sensor():
+def test_multi_turn_servo_may_travel_beyond_one_turn():
     assert issues_of(joint(model="XM430-W350", travel_ticks=[-900, 900], extended=True)) == {}
     assert issues_of(joint(model="XM430-W350", travel_ticks=[4000, 4200], extended=True)) == {}
     assert PLACE in issues_of(joint(model="XM430-W350", travel_ticks=[-900, 900]))
@@ -124,7 +124,7 @@ def test_multi_turn_dynamixel_may_have_any_homing_offset():
 
 
 @pytest.mark.parametrize(("lower_deg", "upper_deg"), [(10.0, 10.0), (10.0, -10.0)])
-def test_joint_range_that_is_empty_is_reported(lower_deg, upper_deg):
+def test_empty_joint_range_in_calibration_is_reported(lower_deg, upper_deg):
     issues = issues_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
     place = ("joints", 0, "lower_deg")
     assert issues == {place: ("is not below the upper limit", "lower < upper")}
@@ -133,6 +133,6 @@ def test_joint_range_that_is_empty_is_reported(lower_deg, upper_deg):
 @pytest.mark.parametrize(
     "changes", [{"lower_deg": None}, {"upper_deg": None}, {"swept": "not swept"}]
 )
-def test_joint_range_must_exist_if_and_only_if_swept(changes):
+def test_joint_range_is_required_only_for_swept_joint(changes):
     assert [*issues_of(joint(**changes))] == [("joints", 0, "swept")]
     assert issues_of(joint(lower_deg=None, upper_deg=None, swept="not swept")) == {}

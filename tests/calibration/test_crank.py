@@ -24,20 +24,20 @@ def test_crank_ticks_and_metres_are_exact_inverses(angle, sign, tick):
     assert joint_map.tick(joint_map.position(2048 + tick)) == 2048 + tick
 
 
-def test_upright_crank_moves_slide_by_its_radius_per_radian():
+def test_crank_at_right_angle_moves_slide_by_radius_per_radian():
     slope = (CRANK.position(1e-6) - CRANK.position(-1e-6)) / 2e-6
     assert slope == pytest.approx(0.022, rel=1e-6)
 
 
 @given(angles)
-def test_crank_moves_at_most_unit_per_tick_of_its_joint_map(angle):
+def test_crank_slope_does_not_exceed_maximum_of_joint_map(angle):
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     tick = 2048 + angle / joint_map.horn_rad_per_tick
     step = joint_map.position(tick + 1) - joint_map.position(tick)
     assert 0 < step <= joint_map.unit_per_tick * (1 + 1e-3)
 
 
-def test_positive_sign_opens_cranked_slide_with_growing_ticks():
+def test_positive_sign_means_cranked_slide_opens_with_ticks():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     assert joint_map.position(2148) > joint_map.position(2048) == 0.0
 
@@ -45,7 +45,7 @@ def test_positive_sign_opens_cranked_slide_with_growing_ticks():
 @pytest.mark.parametrize(
     ("radius", "rod", "zero"), [(0.04, 0.03, 1), (0, 0.03, 1), (0.02, 0.03, 4)]
 )
-def test_crank_that_cannot_turn_is_refused(radius, rod, zero):
+def test_crank_with_impossible_geometry_is_refused(radius, rod, zero):
     with pytest.raises(BadValueError, match="crank"):
         Crank(radius, rod, zero)
 
@@ -58,7 +58,7 @@ def test_gear_divides_radians_per_tick_and_stays_exact(gear, tick):
     assert joint_map.gear == pytest.approx(gear)
 
 
-def test_potentiometer_tick_is_300_degrees_over_1024():
+def test_potentiometer_servo_tick_is_300_degrees_over_1024():
     joint_map = JointMap.revolute("elbow", 3, 1, 512, 1024 * 360 / 300)
     assert math.degrees(joint_map.unit_per_tick) == pytest.approx(300 / 1024)
 
@@ -92,13 +92,13 @@ def test_crank_max_slope_is_steepest_between_slide_ends():
     ("radius", "rod", "zero"), [(0.03, 0.03, 1), (0.02, 0.03, 0), (0.02, 0.03, math.pi),
                                 (0.02, 0.03, -0.5)]
 )  # fmt: skip
-def test_crank_in_line_at_zero_or_as_long_as_rod_is_refused(radius, rod, zero):
+def test_crank_in_line_with_rod_at_zero_or_as_long_is_refused(radius, rod, zero):
     with pytest.raises(BadValueError, match="crank"):
         Crank(radius, rod, zero)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
+def test_slide_position_is_clamped_at_passed_dead_centre(sign):
     joint_map = JointMap.cranked("gripper", 5, sign, 2048.0, 4096, CRANK)
     end_m, half_turn = CRANK.position(CRANK.zero_rad), 2048
     assert joint_map.position_clamped(2048 + sign * half_turn) == pytest.approx(end_m)
@@ -106,7 +106,7 @@ def test_clamped_slide_position_stays_at_passed_dead_centre(sign):
     assert joint_map.position_clamped(2148) == joint_map.position(2148)
 
 
-def test_cranked_slide_unit_per_tick_is_its_largest_step():
+def test_unit_per_tick_of_cranked_slide_is_its_largest_step():
     joint_map = JointMap.cranked("gripper", 5, 1, 2048.0, 4096, CRANK)
     horn_rad = math.tau / 4096
     assert joint_map.unit_per_tick == pytest.approx(CRANK.max_m_per_rad * horn_rad)

@@ -16,7 +16,7 @@ def homing_of(family, low, high, offset=0, encoder=MAGNET, **more):
 
 
 @pytest.mark.parametrize(("family", "bare"), [(STS, 100), (X, 4000), (Family.DYNAMIXEL_1, 4000)])
-def test_encoder_tick_adds_sts_but_subtracts_dynamixel_offset(family, bare):
+def test_encoder_tick_uses_offset_sign_of_servo_family(family, bare):
     assert encoder_tick(family, 2050, 2146 if family is STS else -1950, MAGNET) == bare
 
 
@@ -43,7 +43,7 @@ def test_sts_offset_is_kept_if_travel_avoids_wrap_around(low, high, kept):
 
 
 @pytest.mark.parametrize("turns", [-2, 1])
-def test_sts_offset_is_kept_for_travel_in_another_turn(turns):
+def test_sts_offset_is_kept_if_travel_lies_in_another_turn(turns):
     low, high = 500 + 4096 * turns, 3000 + 4096 * turns
     assert homing_of(STS, low, high, offset=300) == Homing(300, False, low - 200)
 
@@ -74,7 +74,7 @@ def test_sts_offset_that_its_register_cannot_hold_is_not_kept():
         (1100, 2000, -1025, False),
     ],
 )
-def test_x_series_offset_is_kept_if_obeyed_and_within_one_turn(low, high, offset, kept):
+def test_x_series_offset_within_one_turn_is_kept(low, high, offset, kept):
     found = homing_of(X, low, high, offset)
     assert found == (Homing(offset, False, -offset) if kept else Homing(0, False, 0))
 
@@ -99,7 +99,7 @@ def test_homing_refuses_travel_of_sensor_size_or_more(encoder):
 
 @pytest.mark.parametrize("family", Family)
 @pytest.mark.parametrize(("low", "high"), [(0, 500), (523, 1023)])
-def test_potentiometer_servo_may_use_its_whole_sensor(family, low, high):
+def test_potentiometer_servo_may_use_its_whole_sensor_range(family, low, high):
     found = homing_of(family, low, high, encoder=POTENTIOMETER)
     assert found == Homing(0, False, 0)
 
@@ -111,6 +111,6 @@ def test_potentiometer_servo_refuses_travel_off_its_sensor(family, low, high):
         homing_of(family, low, high, encoder=POTENTIOMETER)
 
 
-def test_travel_without_offset_is_shifted_by_whole_turns():
+def test_travel_is_shifted_by_whole_turns_without_offset():
     found = homing_of(Family.DYNAMIXEL_1, -4000, -3000)
     assert found == Homing(0, False, -4096)

@@ -90,7 +90,7 @@ def test_identified_values_outside_their_ranges_are_refused(key, inside, outside
             identified_arm({key: value})
 
 
-def test_identified_arm_needs_a_joint():
+def test_identification_file_needs_at_least_one_joint():
     tables = identified_arm().model_dump()
     assert IdentifiedArm.model_validate(tables).joints == identified_arm().joints
     with pytest.raises(ValidationError):

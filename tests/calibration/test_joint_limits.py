@@ -40,7 +40,7 @@ def test_prismatic_joint_is_near_limit_within_5_mm(position_m, near, at):
     assert (near_limit(*joint), at_limit(*joint)) == (near, at)
 
 
-def test_short_range_is_near_limit_in_its_last_twentieth():
+def test_joint_with_short_range_is_near_limit_in_last_5_percent():
     assert near_limit(0.0195, 0.0, 0.02, "m")
     assert not near_limit(0.0185, 0.0, 0.02, "m")
 
@@ -51,7 +51,7 @@ def test_continuous_joint_is_never_near_limit():
 
 
 @given(st.floats(-2, 2), st.floats(-1, 0), st.floats(0, 1), st.sampled_from(["rad", "m"]))
-def test_joint_at_limit_counts_as_near_and_outside_as_at_limit(position, lower, upper, unit):
+def test_joint_at_limit_is_near_and_joint_outside_is_at_limit(position, lower, upper, unit):
     joint = (position, lower, upper, unit)
     assert near_limit(*joint) or not at_limit(*joint)
     assert at_limit(*joint) or limit_distance(*joint[:3]) >= 0.0

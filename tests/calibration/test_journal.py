@@ -21,24 +21,24 @@ def journal(*changes, old_text="", new_text="[arm]"):
     )
 
 
-def test_journal_survives_write_and_read(tmp_path):
+def test_calibration_journal_survives_write_and_read(tmp_path):
     path, written = tmp_path / "journal.toml", journal(change(0), change(252, LONGEST))
     path.write_text(dump_journal(written))
     assert read_journal(path) == written
 
 
-def test_missing_journal_reads_as_none(tmp_path):
+def test_missing_calibration_journal_reads_as_none(tmp_path):
     assert read_journal(tmp_path / "journal.toml") is None
 
 
-def test_journal_holds_two_calibrations_of_maximum_size(tmp_path):
+def test_journal_accepts_two_calibrations_of_maximum_size(tmp_path):
     path, whole = tmp_path / "journal.toml", "#" * MAX_BYTES
     written = journal(change(), old_text=whole, new_text=whole)
     path.write_text(dump_journal(written))
     assert read_journal(path) == written
 
 
-def test_journal_is_immutable():
+def test_calibration_journal_is_immutable():
     with pytest.raises(ValidationError):
         journal(change()).changes[0].id = 2
 
@@ -54,7 +54,7 @@ def test_journal_is_immutable():
         ("new_text", "newest_text", "newest_text"),
     ],
 )
-def test_journal_error_names_the_place_of_a_wrong_value(tmp_path, old, new, where):
+def test_calibration_journal_error_names_place_of_bad_value(tmp_path, old, new, where):
     path = tmp_path / "journal.toml"
     body = dump_journal(journal(change())).partition("\n")[2]
     assert old in body
@@ -64,7 +64,7 @@ def test_journal_error_names_the_place_of_a_wrong_value(tmp_path, old, new, wher
     assert where in caught.value.where
 
 
-def test_truncated_journal_is_refused_with_a_remedy(tmp_path):
+def test_truncated_calibration_journal_is_refused_with_remedy(tmp_path):
     path = tmp_path / "journal.toml"
     path.write_text(dump_journal(journal(change()))[:-5])
     with pytest.raises(FileFormatError, match="is damaged") as caught:

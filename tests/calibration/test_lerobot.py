@@ -85,14 +85,14 @@ def test_lerobot_id_of_two_devices_is_refused_as_ambiguous(tmp_path):
         find_lerobot("black")
 
 
-def test_lerobot_folder_named_by_two_variables_counts_once(tmp_path, monkeypatch):
+def test_lerobot_folder_given_by_two_variables_is_used_once(tmp_path, monkeypatch):
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path / "own"))
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "own" / "calibration"))
     path = put(tmp_path / "own" / "calibration", "so_follower")
     assert find_lerobot("black") == path
 
 
-def test_lerobot_file_whose_name_is_not_an_id_is_not_offered(tmp_path):
+def test_lerobot_file_not_named_by_an_id_is_not_suggested(tmp_path):
     root = tmp_path / ".cache/huggingface/lerobot/calibration"
     put(root, "so_follower"), put(root, "so_follower", "black (copy)")
     with pytest.raises(UnknownNameError) as caught:
@@ -100,14 +100,14 @@ def test_lerobot_file_whose_name_is_not_an_id_is_not_offered(tmp_path):
     assert "copy" not in str(caught.value) + caught.value.hint
 
 
-def test_unknown_lerobot_id_suggests_the_closest(tmp_path):
+def test_unknown_lerobot_id_error_suggests_closest_id(tmp_path):
     put(tmp_path / ".cache/huggingface/lerobot/calibration", "so_follower")
     with pytest.raises(UnknownNameError, match="Did you mean black"):
         find_lerobot("blackk")
 
 
 @pytest.mark.parametrize("name", ["../black", "a/b", "black.json", "~/black", "a b", "x" * 65])
-def test_lerobot_name_that_is_not_an_id_is_taken_as_path(name):
+def test_lerobot_argument_that_is_not_an_id_is_taken_as_path(name):
     assert find_lerobot(name) == Path(name)
 
 
@@ -153,7 +153,7 @@ def test_damaged_lerobot_file_gives_one_clear_error(tmp_path, text, found):
 
 
 @pytest.mark.parametrize("count", [400, pytest.param(100_000, marks=CAMPAIGN)])
-def test_lerobot_reader_reads_or_refuses_mutated_files(tmp_path, count):
+def test_mutated_lerobot_calibration_is_read_or_refused(tmp_path, count):
     chance, path = random.Random(5), tmp_path / "black.json"
     for _ in range(count):
         data = bytearray(TEXT.encode())
@@ -167,7 +167,7 @@ def test_lerobot_reader_reads_or_refuses_mutated_files(tmp_path, count):
         assert all(joint.range_min < joint.range_max for joint in joints)
 
 
-def test_lerobot_error_cuts_long_names_and_escapes_control_bytes():
+def test_lerobot_error_truncates_names_and_escapes_control_bytes():
     for name, shown in (
         ("e" * 80, "e" * 64),
         ("\x07" + "e" * 80, ascii("\x07" + "e" * 63)),
@@ -185,7 +185,7 @@ def test_lerobot_homing_offset_of_minus_2_power_20_is_accepted():
 
 
 @pytest.mark.parametrize(("digits", "found"), [(100, "not a whole number"), (101, "too long")])
-def test_lerobot_number_above_100_digits_is_too_long(digits, found):
+def test_lerobot_file_number_above_100_digits_is_refused(digits, found):
     with pytest.raises(FileFormatError, match=found):
         parse_lerobot(Path("x.json"), TEXT.replace("-1043", "9" * digits))
 

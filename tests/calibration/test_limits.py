@@ -8,22 +8,22 @@ from ikservo.errors import CalibrationError, ExitCode
 ARM_FILE = Limits.of("elbow", -1.7, 1.7, "arm file")
 
 
-def test_narrower_limit_binds_and_keeps_its_source():
+def test_narrower_joint_limit_applies_and_keeps_its_source():
     both = ARM_FILE.intersect(Limits.of("elbow", -2.0, 1.2, "servo register"))
     assert (both.lower.value, both.lower.source) == (-1.7, "arm file")
     assert (both.upper.value, both.upper.source) == (1.2, "servo register")
 
 
-def test_limits_from_two_sources_name_both():
+def test_joint_limits_from_two_sources_name_both_sources():
     both = ARM_FILE.intersect(Limits.of("elbow", -2.0, 1.2, "servo register"))
     assert both.source == "arm file / servo register"
 
 
-def test_equal_limits_keep_the_first_source():
+def test_equal_joint_limits_keep_first_source():
     assert ARM_FILE.intersect(Limits.of("elbow", -1.7, 1.7, "user")).source == "arm file"
 
 
-def test_empty_intersection_of_limits_names_both():
+def test_error_for_disjoint_joint_limits_names_both_sources():
     with pytest.raises(CalibrationError, match=r"elbow.*\(user\).*\(arm file\)") as caught:
         ARM_FILE.intersect(Limits.of("elbow", 1.8, 2.0, "user"))
     assert caught.value.exit_code == ExitCode.CALIBRATION
@@ -34,7 +34,7 @@ def test_limits_of_sliding_joint_keep_metres():
     assert jaws.intersect(Limits.of("jaws", 0.01, 0.05, "user", unit="m")).unit == "m"
 
 
-def test_limits_include_their_ends():
+def test_joint_limits_include_their_end_values():
     assert ARM_FILE.contains(-1.7)
     assert ARM_FILE.contains(1.7)
     assert not ARM_FILE.contains(1.7000001)

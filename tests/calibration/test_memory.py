@@ -32,7 +32,7 @@ def test_dynamixel_in_position_mode_ignores_offset_above_1024(mode, offset, in_f
     assert found.offset == in_force
 
 
-def test_sts_obeys_its_offset_and_scs_has_none():
+def test_sts_servo_applies_homing_offset_and_scs_has_none():
     assert facts(operating_mode=3, homing_offset=2000).offset == 2000
     assert facts("SCS15").offset == 0
 
@@ -74,7 +74,7 @@ def test_count_direction_depends_on_mode_and_direction_bits(model, held, alike):
     assert same_direction(facts(model, **held), filed) is alike
 
 
-def test_direction_missing_in_file_is_not_compared():
+def test_count_direction_missing_in_file_is_not_compared():
     filed = {name: number for name, number in STS.items() if name != "phase"}
     assert same_direction(facts(phase=255), filed)
 
@@ -85,23 +85,23 @@ def test_direction_missing_in_file_is_not_compared():
      ("drive_mode", 4, 8, False), ("drive_mode", 4, 5, True), ("homing_offset", 0, 1, True),
      ("homing_offset", 0, 2, True), ("homing_offset", -3, -3, False)],
 )  # fmt: skip
-def test_register_difference_ignores_bits_unrelated_to_counting(register, one, other, differs):
+def test_drive_mode_difference_ignores_unrelated_bits(register, one, other, differs):
     assert registers_differ(register, one, other) is differs
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350", "SCS15"])
-def test_calibration_registers_equal_those_stored_in_the_file(model):
+def test_calibration_registers_equal_those_written_to_file(model):
     names = {register.name for register in calibration_registers(MODELS[model])}
     assert names == facts(model).registers.keys()
 
 
-def test_expected_registers_match_table_of_each_servo_series():
+def test_calibration_registers_match_expected_table_per_series():
     assert wanted_of(facts()) == STS
     assert wanted_of(facts("XM430-W350")) == X
     assert wanted_of(facts("SCS15")) == SCS
 
 
-def test_sts_is_put_in_position_mode_and_single_turn():
+def test_sts_servo_is_set_to_single_turn_position_mode():
     wanted = wanted_of(facts(operating_mode=3, phase=0b0001_1101))
     assert (wanted["operating_mode"], wanted["phase"]) == (0, 0b0000_1101)
 
@@ -110,13 +110,13 @@ def test_sts_is_put_in_position_mode_and_single_turn():
     ("mode", "extended", "wanted"), [(3, False, 3), (3, True, 4), (4, False, 3), (1, True, 4),
                                      (5, False, 5), (5, True, 5)]
 )  # fmt: skip
-def test_dynamixel_is_multi_turn_if_needed_and_mode_5_stays(mode, extended, wanted):
+def test_dynamixel_is_set_multi_turn_only_if_travel_needs_it(mode, extended, wanted):
     found = facts("XM430-W350", operating_mode=mode)
     assert wanted_of(found, extended=extended)["operating_mode"] == wanted
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XM430-W350"])
-def test_position_limits_are_widened_if_homing_offset_changes(model):
+def test_servo_limits_are_widened_if_homing_offset_changes(model):
     found = facts(model, min_position_limit=500, max_position_limit=3000)
     assert wanted_of(found)["min_position_limit"] == 500
     moved = wanted_of(found, 9)
@@ -125,12 +125,12 @@ def test_position_limits_are_widened_if_homing_offset_changes(model):
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 3000), (500, 0)])
-def test_single_position_limit_of_zero_is_kept(low, high):
+def test_single_servo_position_limit_of_zero_is_kept(low, high):
     wanted = wanted_of(facts(min_position_limit=low, max_position_limit=high))
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == (low, high)
 
 
-def test_two_position_limits_of_zero_are_widened():
+def test_servo_position_limits_that_are_both_zero_are_widened():
     unset = wanted_of(facts(min_position_limit=0, max_position_limit=0))
     assert (unset["min_position_limit"], unset["max_position_limit"]) == (0, 4095)
 
@@ -139,6 +139,6 @@ def test_two_position_limits_of_zero_are_widened():
     ("limits", "written"),
     [((100, 3900), (100, 3900)), ((-5, 5000), (0, 4095)), ((4095, 4096), (4094, 4095))],
 )
-def test_position_limits_are_clipped_to_their_registers(limits, written):
+def test_servo_position_limits_are_clipped_to_register_range(limits, written):
     wanted = wanted_of(facts(), limits=limits)
     assert (wanted["min_position_limit"], wanted["max_position_limit"]) == written

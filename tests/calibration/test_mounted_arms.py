@@ -104,7 +104,7 @@ def check_zeros_and_signs(arm, model):
 @pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
-def test_calibration_finds_hidden_zeros_and_signs_of_an_arm(name):
+def test_simulated_calibration_finds_hidden_zeros_and_signs(name):
     judge(make_mounted_arm(name, 1))
 
 
@@ -115,7 +115,7 @@ def test_calibration_finds_zeros_and_signs_of_200_arms(name, seed):
     judge(make_mounted_arm(name, seed, gravity=seed % 5 == 0))
 
 
-def test_simulation_pushes_overlapping_links_apart_slowly():
+def test_simulated_overlapping_links_separate_slowly():
     arm = make_mounted_arm("rx200", 110, gravity=True)
     arm.world.hands.clear()
     fastest, model = 0.0, load_model("rx200")

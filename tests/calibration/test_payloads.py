@@ -16,7 +16,7 @@ PAYLOADS = [step + end for step, end in product(STEPS, ENDS)]
 
 
 @pytest.mark.parametrize("place", [calibration_path, journal_path, confirmation_path])
-def test_malicious_arm_or_adapter_name_stays_in_the_folder(place, tmp_path, monkeypatch):
+def test_malicious_arm_or_adapter_name_cannot_leave_folder(place, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     assert len(PAYLOADS) == 200
     for payload in PAYLOADS:

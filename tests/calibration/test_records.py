@@ -65,7 +65,7 @@ def test_calibration_values_outside_their_bounds_are_refused(path, value):
 
 @pytest.mark.parametrize("path", [(*JOINT, "sign"), ("format",)])
 @pytest.mark.parametrize("value", [True, 1.0, "1", 2, 0])
-def test_calibration_sign_and_format_must_be_exact_integers(path, value):
+def test_calibration_sign_and_format_must_be_integers(path, value):
     assert with_value(path, 1)
     with pytest.raises(ValidationError):
         with_value(path, value)
@@ -99,5 +99,5 @@ def test_joint_that_was_not_swept_has_arm_file_limits():
         ({"user_lower_deg": 0.0, "user_upper_deg": 30.0}, [(0, "user"), (30, "user")]),
     ],
 )
-def test_user_may_limit_either_end_of_a_joint(user, limits):
+def test_user_limit_may_be_set_at_either_end_of_joint(user, limits):
     assert limits_of(**user) == limits

@@ -82,7 +82,7 @@ def commit_new(interrupted):
 
 
 @pytest.mark.parametrize("kept", [OLD_TEXT, None])
-def test_commit_writes_servos_and_file_and_keeps_a_backup(interrupted, commit_new, kept):
+def test_calibration_commit_writes_servos_file_and_backup(interrupted, commit_new, kept):
     if kept is None:
         interrupted.path.unlink()
     commit_new()
@@ -93,7 +93,7 @@ def test_commit_writes_servos_and_file_and_keeps_a_backup(interrupted, commit_ne
 
 
 @pytest.mark.parametrize("text", [OLD_TEXT, None])
-def test_commit_refused_by_second_servo_changes_nothing(interrupted, commit_new, text):
+def test_calibration_refused_by_second_servo_changes_nothing(interrupted, commit_new, text):
     if text is None:
         interrupted.path.unlink()
     interrupted.arm.line.servos[2].write("torque_enable", 1)
@@ -104,7 +104,7 @@ def test_commit_refused_by_second_servo_changes_nothing(interrupted, commit_new,
     assert interrupted.is_over()
 
 
-def test_commit_with_unwritable_file_restores_servos(interrupted, commit_new):
+def test_calibration_commit_with_unwritable_file_restores_servos(interrupted, commit_new):
     interrupted.path.with_name("arm.toml.bak").mkdir()  # where the old file would be kept
     with pytest.raises(FileWriteError):
         commit_new()
@@ -112,7 +112,9 @@ def test_commit_with_unwritable_file_restores_servos(interrupted, commit_new):
     assert interrupted.is_over()
 
 
-def test_commit_with_lost_cable_leaves_a_complete_journal(interrupted, commit_new, monkeypatch):
+def test_calibration_commit_with_lost_cable_leaves_full_journal(
+    interrupted, commit_new, monkeypatch
+):
     def refuse(data):
         raise OSError("gone")
 
@@ -123,7 +125,9 @@ def test_commit_with_lost_cable_leaves_a_complete_journal(interrupted, commit_ne
 
 
 @pytest.mark.parametrize("ending", [KeyboardInterrupt(), SystemExit(143)], ids=repr)
-def test_commit_ended_by_a_signal_restores_servos(interrupted, commit_new, monkeypatch, ending):
+def test_calibration_commit_ended_by_signal_restores_servos(
+    interrupted, commit_new, monkeypatch, ending
+):
     def end(*_, **__):
         raise ending
 
@@ -137,14 +141,14 @@ def test_commit_ended_by_a_signal_restores_servos(interrupted, commit_new, monke
 DAMAGED = "[old]\n\u00e4".encode()[:-1]  # cut in the middle of a letter
 
 
-def test_commit_replaces_calibration_that_is_not_utf8(interrupted, commit_new):
+def test_calibration_commit_replaces_file_that_is_not_utf8(interrupted, commit_new):
     interrupted.path.write_bytes(DAMAGED)
     commit_new()
     assert (interrupted.held(), interrupted.path.read_text()) == ([NEW, NEW], NEW_TEXT)
     assert interrupted.is_over()
 
 
-def test_failed_commit_keeps_calibration_that_is_not_utf8(interrupted, commit_new):
+def test_failed_calibration_commit_keeps_file_that_is_not_utf8(interrupted, commit_new):
     interrupted.path.write_bytes(DAMAGED)
     interrupted.path.with_name("arm.toml.damaged").mkdir()  # where the old file would be kept
     with pytest.raises(FileWriteError):
@@ -153,7 +157,7 @@ def test_failed_commit_keeps_calibration_that_is_not_utf8(interrupted, commit_ne
     assert interrupted.is_over()
 
 
-def test_commit_refuses_a_folder_in_place_of_the_calibration(interrupted, commit_new):
+def test_commit_refuses_folder_in_place_of_calibration_file(interrupted, commit_new):
     interrupted.path.unlink()
     interrupted.path.mkdir()
     with pytest.raises(FileFormatError, match="is a folder"):
@@ -173,33 +177,33 @@ def test_commit_refuses_a_folder_in_place_of_the_calibration(interrupted, commit
         ((1, 2), TransactionProgress.EVERYTHING),
     ],
 )
-def test_transaction_progress_is_read_from_the_servos(interrupted, written, reached):
+def test_calibration_write_progress_is_read_from_servos(interrupted, written, reached):
     for servo_id in written:
         interrupted.hold(servo_id, NEW)
     assert interrupted.act(lambda bus, _: progress(bus, interrupted.journal())) is reached
 
 
-def test_planned_changes_include_only_servos_that_differ(interrupted):
+def test_calibration_writes_only_servos_that_differ(interrupted):
     interrupted.hold(2, NEW)
     wanted = {i: {REGISTER: NEW} for i in interrupted.ids}
     changes = interrupted.act(lambda bus, _: plan_changes(bus, wanted))
     assert changes == [EepromChange(id=1, old={REGISTER: OLD}, new={REGISTER: NEW})]
 
 
-def test_recovery_without_journal_does_nothing(interrupted):
+def test_calibration_recovery_without_journal_does_nothing(interrupted):
     assert interrupted.act(recover) == ""
     assert interrupted.act(resume) is False
     assert interrupted.act(roll_back) is False
     assert interrupted.held() == [OLD, OLD]
 
 
-def test_recovery_drops_transaction_that_did_not_reach_servos(interrupted):
+def test_recovery_drops_calibration_not_yet_written_to_servos(interrupted):
     interrupted.leave_journal().path.write_text(NEW_TEXT)
     assert "had not changed anything yet" in interrupted.act(recover)
     assert (interrupted.path.read_text(), interrupted.is_over()) == (OLD_TEXT, True)
 
 
-def test_recovery_saves_file_if_every_servo_was_written(interrupted):
+def test_recovery_saves_calibration_if_all_servos_were_written(interrupted):
     interrupted.leave_journal()
     for servo_id in interrupted.ids:
         interrupted.hold(servo_id, NEW)
@@ -207,7 +211,7 @@ def test_recovery_saves_file_if_every_servo_was_written(interrupted):
     assert (interrupted.path.read_text(), interrupted.is_over()) == (NEW_TEXT, True)
 
 
-def test_recovery_of_partial_transaction_asks_the_operator(interrupted):
+def test_recovery_of_partly_written_calibration_asks_operator(interrupted):
     interrupted.leave_journal().hold(2, NEW)
     with pytest.raises(
         CalibrationError, match=r"(?s)some servos hold the new values.*resume.*revert"
@@ -219,7 +223,7 @@ def test_recovery_of_partial_transaction_asks_the_operator(interrupted):
 @pytest.mark.parametrize(
     ("action", "number", "text"), [(resume, NEW, NEW_TEXT), (roll_back, OLD, OLD_TEXT)]
 )
-def test_partial_transaction_is_resumed_or_rolled_back(interrupted, action, number, text):
+def test_partly_written_calibration_is_resumed_or_rolled_back(interrupted, action, number, text):
     interrupted.leave_journal().hold(2, NEW)
     assert interrupted.act(action) is True
     assert interrupted.held() == [number, number]
@@ -229,21 +233,21 @@ def test_partial_transaction_is_resumed_or_rolled_back(interrupted, action, numb
 # --- the file
 
 
-def test_commit_of_empty_text_does_not_leave_calibration_file(interrupted):
+def test_calibration_commit_of_empty_text_leaves_no_file(interrupted):
     changes = interrupted.journal().changes
     interrupted.act(lambda bus, journal: commit(bus, journal, interrupted.path, "", changes))
     assert interrupted.held() == [NEW, NEW]
     assert not interrupted.path.exists()
 
 
-def test_rollback_of_first_calibration_does_not_leave_a_file(interrupted):
+def test_rollback_of_first_calibration_leaves_no_file(interrupted):
     interrupted.leave_journal(old_text="")
     interrupted.act(roll_back)
     assert not interrupted.path.exists()
 
 
 @pytest.mark.parametrize("left", [None, "", NEW_TEXT])
-def test_rollback_restores_the_old_file(interrupted, left):
+def test_calibration_rollback_restores_old_file(interrupted, left):
     interrupted.leave_journal()
     interrupted.path.unlink() if left is None else interrupted.path.write_text(left)
     interrupted.act(roll_back)
@@ -251,7 +255,7 @@ def test_rollback_restores_the_old_file(interrupted, left):
 
 
 @pytest.mark.parametrize("left", [None, "", OLD_TEXT])
-def test_resume_writes_the_new_file(interrupted, left):
+def test_calibration_resume_writes_new_file(interrupted, left):
     interrupted.leave_journal()
     interrupted.path.unlink() if left is None else interrupted.path.write_text(left)
     interrupted.act(resume)
@@ -259,7 +263,7 @@ def test_resume_writes_the_new_file(interrupted, left):
 
 
 @pytest.mark.parametrize(("action", "text"), [(resume, NEW_TEXT), (roll_back, OLD_TEXT)])
-def test_recovery_does_not_rewrite_a_file_that_is_right(interrupted, action, text):
+def test_recovery_does_not_rewrite_correct_calibration_file(interrupted, action, text):
     interrupted.leave_journal().path.write_text(text)
     before = interrupted.path.stat().st_ino
     interrupted.act(action)
@@ -272,7 +276,7 @@ def test_recovery_does_not_rewrite_a_file_that_is_right(interrupted, action, tex
 @pytest.mark.parametrize(
     ("action", "number"), [(recover, OLD), (recover, NEW), (resume, NEW), (roll_back, OLD)]
 )
-def test_recovery_locks_servo_that_only_lacks_its_lock(interrupted, action, number):
+def test_recovery_locks_eeprom_of_servo_left_unlocked(interrupted, action, number):
     interrupted.leave_journal()
     for servo_id in interrupted.ids:
         interrupted.hold(servo_id, number)
@@ -281,14 +285,14 @@ def test_recovery_locks_servo_that_only_lacks_its_lock(interrupted, action, numb
     assert [interrupted.arm.register(i, "lock") for i in interrupted.ids] == [1, 1]
 
 
-def test_recovery_does_not_write_a_locked_servo(interrupted, monkeypatch):
+def test_recovery_writes_nothing_if_servo_is_already_locked(interrupted, monkeypatch):
     interrupted.leave_journal()
     with interrupted.arm.open_bus() as bus:
         monkeypatch.setattr(bus, "write", lambda *_, **__: pytest.fail("a register was written"))
         recover(bus, interrupted.journal_path)
 
 
-def test_recovery_leaves_servos_without_lock_alone(tmp_path):
+def test_recovery_skips_servos_without_eeprom_lock(tmp_path):
     dynamixels = Interrupted(tmp_path, "open_manipulator_x").leave_journal()
     assert "had not changed anything yet" in dynamixels.act(recover)
 
@@ -297,7 +301,7 @@ def test_recovery_leaves_servos_without_lock_alone(tmp_path):
 
 
 @pytest.mark.parametrize(("old", "new"), [({"goal_pwm": 0}, {}), ({}, {"goal_pwm": 0})])
-def test_recovery_refuses_registers_that_the_servo_lacks(interrupted, old, new):
+def test_recovery_refuses_registers_missing_in_servo(interrupted, old, new):
     changes = (EepromChange(id=1, old={REGISTER: OLD} | old, new={REGISTER: OLD} | new),)
     journal = interrupted.journal().model_copy(update={"changes": changes})
     write_atomic(interrupted.journal_path, dump_journal(journal))

@@ -24,7 +24,7 @@ travels = st.builds(
 )
 
 
-def test_unwrap_finds_true_tick_for_every_offset_and_direction():
+def test_unwrap_finds_true_tick_for_any_offset_and_direction():
     """Hazard M6, exhaustive: 4096 positions × offsets −2047..2047 step 13 × direction."""
     bare = np.arange(TURN)
     cases = wrong = 0
@@ -41,14 +41,14 @@ def test_unwrap_finds_true_tick_for_every_offset_and_direction():
 
 
 @given(st.integers(-99999, 99999), st.integers(-99999, 99999))
-def test_wrapped_difference_is_at_most_half_a_turn(start, end):
+def test_wrapped_tick_difference_is_at_most_half_a_turn(start, end):
     way = wrapped_difference(start, end, TURN)
     assert (start + way - end) % TURN == 0
     assert -TURN // 2 <= way < TURN // 2
 
 
 @given(st.integers(-9999, 9999), st.lists(st.integers(-1024, 1024), max_size=60))
-def test_unwrap_follows_hand_across_every_wrap_around(start, steps):
+def test_unwrap_follows_joint_across_every_wrap_around(start, steps):
     truth = last = start
     for step in steps:
         truth += step
@@ -77,7 +77,7 @@ def test_x_series_homing_keeps_one_turn_without_wrap_around(travel, offset):
         assert 0 <= travel.low - homing.shift < travel.high - homing.shift <= TURN - 1
 
 
-def test_homing_keeps_an_offset_that_already_works():
+def test_homing_keeps_offset_that_already_avoids_wrap_around():
     assert choose_homing("elbow", STS, TickRange(900, 2500), 400, MAGNET).offset == 400
     assert choose_homing("elbow", X, TickRange(900, 2500), -30, MAGNET).offset == -30
 
@@ -101,7 +101,7 @@ def test_homing_finds_offset_for_travel_of_4094_ticks(low, offset):
 
 
 @pytest.mark.parametrize("family", [STS, X])
-def test_homing_refuses_travel_of_a_whole_turn(family):
+def test_homing_offset_search_refuses_travel_of_a_whole_turn(family):
     with pytest.raises(CalibrationError, match=r"travel of 4095 ticks.*\n.*--continuous elbow"):
         choose_homing("elbow", family, TickRange(0, 4095), 0, MAGNET)
 
@@ -118,7 +118,7 @@ def test_potentiometer_has_no_wrap_around():
 
 
 @given(st.integers(-9999, 9999), st.integers(0, 4095))
-def test_unwrap_near_is_within_half_a_turn_of_the_middle(middle, reading):
+def test_unwrapped_tick_is_within_half_a_turn_of_given_middle(middle, reading):
     tick = unwrap_near(middle, reading, TURN)
     assert (tick - reading) % TURN == 0
     assert abs(tick - middle) <= TURN // 2
@@ -134,5 +134,5 @@ def test_encoder_of_each_model_matches_its_data_sheet(model, ticks, per_turn):
     assert encoder.wraps == (ticks == 4096)
 
 
-def test_wrapped_difference_is_symmetric_for_odd_tick_count():
+def test_wrapped_tick_difference_is_symmetric_for_odd_counts():
     assert [wrapped_difference(0, end, 5) for end in range(5)] == [0, 1, 2, -2, -1]

@@ -47,12 +47,12 @@ def test_missing_calibration_error_suggests_calibration_adopt(arm, run_cli):
     assert f"ikservo calibration adopt {NAME}" in done.err
 
 
-def test_adopt_does_nothing_without_confirmation(arm, run_cli):
+def test_calibration_adopt_does_nothing_without_confirmation(arm, run_cli):
     assert run_cli(WORDS).code == 1
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_adopt_refuses_servos_with_other_register_values(arm, run_cli):
+def test_calibration_adopt_refuses_servos_with_other_registers(arm, run_cli):
     arm.line.servos[2].write("lock", 0)
     arm.line.servos[2].write("homing_offset", 77)
     done = run_cli(f"{WORDS} --yes")
@@ -61,14 +61,14 @@ def test_adopt_refuses_servos_with_other_register_values(arm, run_cli):
     assert not calibration_path(NAME, NEW).exists()
 
 
-def test_adopt_needs_file_argument_if_several_fit(arm, run_cli):
+def test_calibration_adopt_needs_file_argument_if_several_fit(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration, "ANOTHER")
     assert run_cli(f"{WORDS} --yes").code == 6
     assert run_cli(f"{WORDS} --yes --from {other}").code == 0
 
 
-def test_adopt_refuses_calibration_of_another_arm(arm, run_cli):
+def test_calibration_adopt_refuses_calibration_of_another_arm(arm, run_cli):
     calibration = read_calibration(calibration_path(NAME, OLD))
     other = move(calibration.model_copy(update={"arm": "planar3"}), OLD)
     done = run_cli(f"{WORDS} --yes --from {other}")

@@ -52,7 +52,7 @@ def test_real_gripper_does_not_close_without_confirmation(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_yes_option_lets_a_real_arm_move(run_cli, arm):
+def test_yes_option_moves_real_arm_without_question(run_cli, arm):
     result = run_cli(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
     assert result.code == 0, result.err
 
@@ -63,7 +63,7 @@ def test_simulated_arm_does_not_need_confirmation(run_cli, words):
     assert run_cli(f"{words} --arm {NAME} --port sim:?pose=home").code == 0
 
 
-def test_record_of_holding_arm_says_how_to_switch_torque_off(run_cli, arm):
+def test_record_of_holding_arm_explains_how_to_free_it(run_cli, arm):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
     result = run_cli(f"record wave.jsonl --duration 100ms {REAL}")
@@ -88,7 +88,7 @@ def test_record_relaxes_holding_arm_after_confirmation(run_cli, arm, monkeypatch
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_relax_warns_before_asking_if_overload_stops_lowering(run_cli, monkeypatch, name):
+def test_relax_warns_if_overload_would_stop_lowering(run_cli, monkeypatch, name):
     arm = connect_arm(monkeypatch, name, spoiled=False)
     write_calibration(arm)
     overload(arm.line.servos[2])
@@ -115,7 +115,9 @@ def test_pose_command_lists_poses_of_all_arms_without_a_port(run_cli, monkeypatc
 @pytest.mark.parametrize(
     ("hold", "says"), [("", "torque stays as it is"), (" --hold", "torque comes on")]
 )
-def test_teach_now_announces_torque_and_replaced_pose(run_cli, tmp_path, monkeypatch, hold, says):
+def test_teach_announces_torque_off_and_pose_to_be_replaced(
+    run_cli, tmp_path, monkeypatch, hold, says
+):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     words = f"teach cup --now --arm so101 --port sim{hold}"
     first, again = run_cli(words), run_cli(words)

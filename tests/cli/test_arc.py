@@ -8,7 +8,7 @@ SIM = "--arm so101 --port sim:?pose=home"
 
 
 @pytest.mark.full
-def test_arc_via_a_point_reports_like_a_move(run_cli):
+def test_arc_command_prints_same_report_as_move(run_cli):
     answer = run_cli(f"arc 0.20 -0.05 0.12 --via 0.23,0,120mm {SIM} --json").json
     assert answer["schema"] == "ikservo/move/1"
     assert answer["reached"]
@@ -17,13 +17,13 @@ def test_arc_via_a_point_reports_like_a_move(run_cli):
 
 
 @pytest.mark.campaign
-def test_circle_about_a_centre_ends_where_it_began(run_cli):
+def test_circle_command_ends_where_it_began(run_cli):
     result = run_cli(f"arc --center 0.18,0,0.08 --tool-speed 40 {SIM} --json")
     assert result.code == 0
     assert result.json["error_m"] < 2e-3
 
 
-def test_arc_preview_reports_its_length_and_tool_speed(run_cli):
+def test_arc_dry_run_reports_length_and_tool_speed(run_cli):
     preview = f"arc --center 0.18,0,0.08 --angle -180 {SIM} --dry-run"
     answer = run_cli(f"{preview} --tool-speed 20mm/s --json").json
     radius_m = math.dist(answer["target_m"][:2], (0.18, 0.0))
@@ -34,7 +34,7 @@ def test_arc_preview_reports_its_length_and_tool_speed(run_cli):
 
 
 @pytest.mark.full
-def test_move_announces_tool_speed_that_is_not_reached(run_cli):
+def test_move_warns_that_requested_tool_speed_is_not_reached(run_cli):
     result = run_cli(f"move 0.2 0.1 0.15 --line --tool-speed 400 {SIM}")
     assert result.code == 0
     assert "Tool speed: at most " in result.err
@@ -64,7 +64,7 @@ def test_move_announces_tool_speed_that_is_not_reached(run_cli):
         ("move 0.2 0 0.1 --tool-speed 50", 2, "Move in straight lines"),
     ],
 )
-def test_arc_refuses_invalid_arcs_and_tool_speeds(run_cli, words, code, message):
+def test_arc_command_refuses_invalid_arc_and_tool_speed(run_cli, words, code, message):
     result = run_cli(f"{words} {SIM}")
     assert result.code == code
     assert message in result.err

@@ -41,27 +41,27 @@ def test_command_accepts_arm_as_option(name, monkeypatch):
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES) - WITHOUT_ARM - {"view", *AS_ARGUMENT}))
-def test_command_accepts_arm_as_bare_name(name):
+def test_command_accepts_arm_as_positional_name(name):
     words = NEEDED.get(name, "")
     assert parsed(name, f"so101 {words}") == "so101"
     assert parsed(name, f"{words} --json" if name == "where" else words) is None
 
 
-def test_arm_after_an_option_is_found():
+def test_positional_arm_name_after_option_is_found():
     assert parsed("doctor", "--port sim so101") == "so101"
 
 
 @pytest.mark.parametrize("words", ["record so101", "teach so101", "replay so101", "draw so101"])
-def test_file_or_pose_may_have_name_of_an_arm(words):
+def test_file_or_pose_may_have_same_name_as_arm(words):
     name, word = words.split()
     assert parsed(name, word) is None
 
 
-def test_arm_given_twice_is_refused(run_cli):
+def test_arm_given_as_option_and_name_is_refused(run_cli):
     done = run_cli("calibrate koch --arm so101 --port sim")
     assert (done.code, "given twice" in done.err) == (2, True), done.err
 
 
-def test_doctor_checks_the_arm_of_a_bare_name(run_cli):
+def test_doctor_checks_arm_given_as_positional_name(run_cli):
     done = run_cli("doctor so101 --port sim")
     assert done.code == 0, done.err

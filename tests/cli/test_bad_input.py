@@ -51,7 +51,7 @@ SIM = "--arm so101 --port sim"
         ("sim so1o1", 2, "Did you mean so101?"),
     ],
 )
-def test_bad_input_gives_one_message_and_its_exit_code(run_cli, words, code, message):
+def test_invalid_input_gives_one_message_and_exit_code(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err
@@ -59,7 +59,7 @@ def test_bad_input_gives_one_message_and_its_exit_code(run_cli, words, code, mes
     assert "Traceback" not in result.err
 
 
-def test_error_is_an_object_with_json(run_cli):
+def test_error_with_json_option_is_one_json_object(run_cli):
     result = run_cli(f"move 0.9 0 0.1 {SIM} --json")
     assert result.code == 7
     assert result.json["exit_code"] == 7
@@ -68,12 +68,12 @@ def test_error_is_an_object_with_json(run_cli):
 
 
 @pytest.mark.campaign
-def test_nearest_point_in_hint_can_be_reached(run_cli):
+def test_nearest_point_suggested_by_hint_can_be_reached(run_cli):
     hint = run_cli(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
     assert run_cli(hint.split("ikservo ")[1] + f" {SIM}").code == 0
 
 
-def test_usage_error_is_an_object_with_json(run_cli):
+def test_usage_error_with_json_option_is_one_json_object(run_cli):
     result = run_cli(f"move nan 0 0.1 {SIM} --json")
     assert result.json["exit_code"] == 2
 
@@ -100,7 +100,7 @@ def spoil(path: Path, old: str, new: str):
 
 
 @pytest.mark.full
-def test_arm_file_works_by_its_path(run_cli, own_arm):
+def test_command_accepts_path_to_arm_file(run_cli, own_arm):
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.json["reached"] is True
 
@@ -121,7 +121,7 @@ def test_arm_file_works_by_its_path(run_cli, own_arm):
         ("arm.urdf", "</robot>", "", "line"),
     ],
 )
-def test_error_names_malformed_arm_file_and_place(run_cli, own_arm, file, old, new, place):
+def test_malformed_arm_file_error_names_file_and_position(run_cli, own_arm, file, old, new, place):
     spoil(own_arm / file, old, new)
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.code == 2
@@ -129,7 +129,7 @@ def test_error_names_malformed_arm_file_and_place(run_cli, own_arm, file, old, n
     assert place in result.json["error"]
 
 
-def test_urdf_with_entities_is_refused(run_cli, own_arm):
+def test_urdf_with_xml_entities_is_refused(run_cli, own_arm):
     urdf = own_arm / "arm.urdf"
     bomb = '<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
     urdf.write_text(bomb + urdf.read_text().partition("?>")[2])
@@ -150,14 +150,14 @@ def test_urdf_external_entity_does_not_read_a_file(run_cli, own_arm):
 
 
 @pytest.mark.parametrize("number", [1e-320, -0.0])
-def test_solve_accepts_tiny_numbers(run_cli, number):
+def test_solve_command_accepts_tiny_numbers(run_cli, number):
     assert math.isfinite(number)
     result = run_cli(f"solve {0.25 + number} {number} 0.15 --arm so101 --json")
     assert json.loads(result.out)["reached"] is True
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="only Linux has a full disk at hand")
-def test_output_that_cannot_be_written_is_one_error_line():
+def test_unwritable_output_gives_one_error_line():
     command = [sys.executable, "-c", "import sys; from ikservo.cli import main; sys.exit(main())"]
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([*command, "arms"], stdout=full, stderr=subprocess.PIPE, text=True,
@@ -183,7 +183,7 @@ def run_for_a_reader_that_has_exited(words, unbuffered):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("as_json", ["", "--json"])
-def test_closed_output_pipe_ends_a_command_silently(unbuffered, as_json):
+def test_closed_output_pipe_ends_command_silently(unbuffered, as_json):
     assert run_for_a_reader_that_has_exited(f"where {SIM} {as_json}", unbuffered) == (1, "")
 
 

@@ -28,7 +28,7 @@ HOSTILE = "a\x1b[2Jb\rc\x07\x9b31m\x7f\u202ed"
 SHOWN = r"a\x1b[2Jb\rc\x07\x9b31m\x7f\u202ed"
 
 
-def test_printable_text_keeps_lines_tabs_and_letters():
+def test_output_filter_keeps_newlines_tabs_and_letters():
     assert printable("Größe\t0,5 µm →\n日本") == "Größe\t0,5 µm →\n日本"
     assert printable(HOSTILE) == SHOWN
 
@@ -42,7 +42,7 @@ def test_printable_text_keeps_lines_tabs_and_letters():
     ],
     ids=["status", "lines", "table"],
 )
-def test_text_output_has_no_control_characters(capsys, show):
+def test_command_text_output_has_no_control_characters(capsys, show):
     show(HOSTILE)
     out, err = capsys.readouterr()
     assert SHOWN in out + err
@@ -68,7 +68,7 @@ def test_error_message_has_no_control_characters(capsys, monkeypatch):
     assert (out + err).replace("\n", "").isprintable()
 
 
-def test_rich_screens_do_not_show_control_characters(monkeypatch):
+def test_live_terminal_displays_show_no_control_characters(monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     console = open_console()
     table = Table()

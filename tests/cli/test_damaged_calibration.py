@@ -35,14 +35,14 @@ def path(arm):
 @pytest.mark.parametrize(
     "words", [f"where {AT}", f"pose home {AT}", f"calibration diff {NAME} --port {PORT}"]
 )
-def test_damaged_calibration_error_names_three_remedies(words, path, run_cli):
+def test_damaged_calibration_error_lists_three_remedies(words, path, run_cli):
     done = run_cli(words)
     assert done.code != 0
     for way in ("calibration restore planar2", "ikservo calibrate planar2", "ikservo relax"):
         assert way in " ".join(done.err.split())
 
 
-def test_restore_takes_backup_and_keeps_damaged_calibration(path, run_cli):
+def test_restore_uses_backup_and_keeps_damaged_calibration(path, run_cli):
     assert run_cli(f"calibration restore {NAME}").code == 0
     assert read_calibration(path).arm == NAME
     assert path.with_name(f"{path.name}.damaged").exists()
@@ -50,7 +50,7 @@ def test_restore_takes_backup_and_keeps_damaged_calibration(path, run_cli):
 
 
 @pytest.mark.parametrize("damage", [b"", b"\xff\x00", None], ids=["empty", "binary", "changed"])
-def test_calibrating_over_damaged_file_keeps_sound_backup(damage, arm, path):
+def test_calibration_over_damaged_file_keeps_valid_backup(damage, arm, path):
     backup = backup_path(path)
     sound = backup.read_bytes()
     if damage is not None:
@@ -61,7 +61,7 @@ def test_calibrating_over_damaged_file_keeps_sound_backup(damage, arm, path):
     assert path.with_name(f"{path.name}.damaged").exists()
 
 
-def test_restore_does_not_wait_for_pipe_in_place_of_calibration(path, run_cli):
+def test_restore_refuses_pipe_in_place_of_calibration_at_once(path, run_cli):
     path.unlink()
     os.mkfifo(path)
     done = run_cli(f"calibration restore {NAME} --port {PORT}")
@@ -69,7 +69,7 @@ def test_restore_does_not_wait_for_pipe_in_place_of_calibration(path, run_cli):
     assert "is not a regular file" in done.err
 
 
-def test_restore_refuses_to_replace_a_sound_calibration(path, run_cli):
+def test_restore_refuses_to_replace_valid_calibration(path, run_cli):
     run_cli(f"calibration restore {NAME}")
     assert run_cli(f"calibration restore {NAME} --port {PORT}").code == 2
 

@@ -120,7 +120,7 @@ WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "Name
 
 
 @pytest.mark.full
-def test_only_listed_modules_write_files():
+def test_only_listed_source_modules_write_files():
     folder = Path(ikservo.__file__).parent
     found = {
         path.relative_to(folder).as_posix()
@@ -209,7 +209,7 @@ def test_full_disk_is_reported_and_old_files_stay(words, file, place, sources, t
 @pytest.mark.full
 @pytest.mark.parametrize("number", [errno.EROFS, errno.ENOENT], ids=errno.errorcode.get)
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
-def test_read_only_or_missing_disk_is_reported(
+def test_read_only_or_missing_disk_gives_clear_error(
     words, file, number, place, sources, run_cli, monkeypatch
 ):
     before = content(place)
@@ -242,7 +242,7 @@ def break_disk(monkeypatch, folder, number):
 
 
 @pytest.mark.full
-def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
+def test_recording_ended_by_full_disk_can_be_read(place, tmp_path):
     done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
     assert "The samples recorded so far are in" in done.stderr
     assert len(read_recording(place / "a.jsonl").times_s) > 10
@@ -250,7 +250,7 @@ def test_recording_until_the_disk_was_full_can_be_read(place, tmp_path):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("words", "file"), WRITTEN["record", "file"])
-def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tmp_path):
+def test_recording_without_samples_leaves_no_file(words, file, place, tmp_path):
     before = content(place)
     done = run_limited(words.format(place), 0, tmp_path)
     assert done.returncode == 1
@@ -261,14 +261,14 @@ def test_recording_without_a_sample_does_not_leave_a_file(words, file, place, tm
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
-def test_overwrite_replaces_old_file_when_recording_ends(suffix, place, run_cli):
+def test_overwrite_option_replaces_file_when_recording_ends(suffix, place, run_cli):
     path, before = place / f"old{suffix}", set(content(place))
     assert run_cli(f"{RECORDING.format(path)} --overwrite").code == 0
     assert len(read_recording(path).times_s) > 10
     assert set(content(place)) == before
 
 
-def test_pose_that_cannot_be_saved_is_reported(run_cli, place, monkeypatch):
+def test_pose_that_cannot_be_saved_gives_clear_error(run_cli, place, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(place))
     break_disk(monkeypatch, place, errno.ENOSPC)
     done = run_cli(f"teach cup --now {SIM}")
@@ -285,7 +285,7 @@ PRINTERS = [
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
 @pytest.mark.parametrize("words", PRINTERS)
-def test_full_stdout_is_reported_with_exit_code_1(words):
+def test_stdout_redirected_to_full_disk_exits_with_1(words):
     command = [sys.executable, "-m", "ikservo", *words.split()]
     with open("/dev/full", "w") as full:  # noqa: PTH123
         done = subprocess.run(

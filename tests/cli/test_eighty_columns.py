@@ -84,14 +84,14 @@ def test_help_fits_80_columns(shown, word):
     assert too_long(shown(f"{word} --help", 80)) == []
 
 
-def test_command_in_folded_sentence_stays_on_one_line():
+def test_command_in_wrapped_message_stays_on_one_line():
     assert fold("Nothing answers here. Then type: ikservo where --arm so101", 44) == [
         "Nothing answers here. Then type:",
         "ikservo where --arm so101",
     ]
 
 
-def test_folded_table_line_keeps_its_column_spaces():
+def test_wrapped_table_line_keeps_its_column_spacing():
     assert fold("✗ port      a long reason for it", 20, 12) == [
         "✗ port      a long",
         "            reason",
@@ -99,7 +99,7 @@ def test_folded_table_line_keeps_its_column_spaces():
     ]
 
 
-def test_fold_keeps_word_longer_than_width_whole():
+def test_wrapping_does_not_split_word_longer_than_line():
     assert fold("see /a/path/that/is/long now", 12) == ["see", "/a/path/that/is/long", "now"]
 
 

@@ -65,7 +65,7 @@ def test_eeprom_backup_is_made_before_eeprom_is_written(writer, arm, run_cli, tm
 
 
 @EACH
-def test_servo_is_not_written_if_its_backup_fails(writer, arm, run_cli, home, tmp_path):
+def test_servo_eeprom_is_not_written_if_its_backup_fails(writer, arm, run_cli, home, tmp_path):
     home.mkdir()
     (home / "backups").write_text("no folder")
     before = arm.eeprom_writes()
@@ -101,7 +101,7 @@ def test_calibration_is_not_written_if_eeprom_backup_fails(arm, home):
 
 @EACH
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_signal_during_eeprom_write_locks_it_again(
+def test_signal_during_eeprom_write_still_locks_eeprom(
     writer, name, arm, run_cli, tmp_path, monkeypatch
 ):
     """The signal comes when the registers are compared with the memory unlocked."""

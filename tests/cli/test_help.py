@@ -63,7 +63,7 @@ HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scs
         ("scan --port /dev/ttyNONE7", ("serial", "pydantic", "ikservo.hardware")),
     ],
 )
-def test_command_imports_only_what_it_uses(words, allowed):
+def test_command_imports_only_modules_it_uses(words, allowed):
     script = (
         "import sys; from ikservo.cli import main; code = main(sys.argv[2:]);"
         "print([m for m in sys.argv[1].split(',') if m in sys.modules], file=sys.stderr)"
@@ -75,7 +75,7 @@ def test_command_imports_only_what_it_uses(words, allowed):
 
 
 @pytest.mark.parametrize("word", ["", *sorted(set(all_commands()) - {"sim"})])
-def test_h_option_prints_help_of_every_command(run_cli, word):
+def test_short_help_option_prints_help_of_every_command(run_cli, word):
     result = run_cli(f"{word} -h")
     assert (result.code, "Usage: ikservo" in result.out) == (0, True)
 
@@ -85,7 +85,7 @@ def test_version_option_prints_the_version(run_cli):
     assert (result.code, result.out) == (0, f"{ikservo.__version__}\n")
 
 
-def test_python_m_ikservo_runs_the_command():
+def test_python_m_ikservo_runs_command_line():
     done = subprocess.run([sys.executable, "-m", "ikservo", "--version"],
                           capture_output=True, text=True, check=True)  # fmt: skip
     assert done.stdout == f"{ikservo.__version__}\n"
@@ -97,7 +97,7 @@ def test_package_contains_py_typed():
     assert (Path(ikservo.__file__).parent / "py.typed").exists()
 
 
-def test_help_groups_the_commands(run_cli):
+def test_help_lists_commands_in_groups(run_cli):
     out = run_cli("--help").out
     places = [out.index(f" {panel} ") for panel in PANELS]
     assert places == sorted(places)
@@ -126,7 +126,7 @@ def test_help_groups_the_commands(run_cli):
         ("rec", "record recover"),
     ],
 )
-def test_tab_key_completes_arms_poses_joints_and_options(run_cli, monkeypatch, typed, offered):
+def test_shell_completion_completes_arms_poses_and_options(run_cli, monkeypatch, typed, offered):
     monkeypatch.setenv("_IKSERVO_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", f"ikservo {typed}")
     monkeypatch.setenv("COMP_CWORD", str(len(typed.split())))

@@ -61,12 +61,12 @@ def command_of(name):
 
 
 @pytest.mark.full
-def test_commands_in_messages_exist():
+def test_commands_quoted_in_messages_exist():
     assert [(file, name) for file, name, _ in mentions() if name not in all_commands()] == []
 
 
 @pytest.mark.full
-def test_options_of_commands_in_messages_exist():
+def test_options_of_commands_quoted_in_messages_exist():
     wrong = []
     for file, name, arguments in mentions():
         if name == "sim":  # which passes its options to the simulator
@@ -79,7 +79,7 @@ def test_options_of_commands_in_messages_exist():
 
 
 @pytest.mark.full
-def test_command_in_a_message_is_followed_by_punctuation():
+def test_command_quoted_in_message_ends_before_prose():
     prose = {"tries", "is", "and", "then", "the", "to", "goes", "with", "for"}
     assert [row for row in mentions() if prose & set(row[2].split())] == []
 
@@ -93,7 +93,7 @@ def test_hint_repeats_arm_and_port_of_a_calibration_command():
     )
 
 
-def test_hint_repeats_bare_arm_name_of_any_command():
+def test_hint_repeats_positional_arm_name_of_command():
     words = ["identify", "so101", "--port", "sim"]
     result = with_connection_options("Switch torque off with: ikservo relax", words)
     assert result == "Switch torque off with: ikservo relax --arm so101 --port sim"

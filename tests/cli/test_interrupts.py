@@ -57,7 +57,7 @@ def test_ctrl_c_ends_a_shell_loop_over_commands():
     assert "next" not in ended.text
 
 
-def test_ctrl_c_before_a_stop_message_counts_as_interrupt(monkeypatch):
+def test_ctrl_c_before_stop_error_counts_as_interrupt(monkeypatch):
     ended = ended_after(monkeypatch, KeyboardInterrupt(), StoppedError("Stopped; torque is off."))
     assert (ended.code, ended.interrupted) == (130, True)
 
@@ -75,7 +75,7 @@ def test_stopped_error_without_ctrl_c_exits_with_130(monkeypatch, errors):
     assert (ended.code, ended.interrupted) == (130, False)
 
 
-def test_failure_after_ctrl_c_keeps_its_own_exit_code(monkeypatch):
+def test_failure_after_ctrl_c_keeps_its_exit_code(monkeypatch):
     ended = ended_after(monkeypatch, KeyboardInterrupt(), FileWriteError("wave.jsonl", "full"))
     assert (ended.code, ended.interrupted) == (1, False)
 

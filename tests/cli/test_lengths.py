@@ -12,17 +12,17 @@ from ikservo.cli.quantities import parse_coordinate_m, parse_length_m, parse_poi
     "move 0.2 0 0.1 --keep-above 30", "camera check --within 3",
     "calibrate --touch --block-height 40",
 ])  # fmt: skip
-def test_length_option_asks_for_unit_of_bare_number(run_cli, words):
+def test_length_option_without_unit_is_refused_with_suggestion(run_cli, words):
     done = run_cli(f"{words} --arm so101 --port sim")
     assert (done.code, "Did you mean" in done.err) == (2, True), done.err
 
 
 @pytest.mark.parametrize("text", ["1m", "0.9", "-0.5", "900mm", "99cm", ".8"])
-def test_length_with_unit_or_below_a_metre_is_accepted(text):
+def test_length_with_unit_or_bare_number_below_1_m_is_accepted(text):
     assert parse_length_m(text) == parse_coordinate_m(text)
 
 
-def test_refusal_of_length_without_unit_names_both_meanings():
+def test_length_without_unit_error_suggests_both_units():
     with pytest.raises(typer.BadParameter, match="Did you mean -80mm") as caught:
         parse_length_m("\N{MINUS SIGN}80")
     assert "-80m" in str(caught.value)

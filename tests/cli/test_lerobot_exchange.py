@@ -54,7 +54,7 @@ def test_lerobot_file_survives_import_and_export_byte_for_byte(
 
 
 @pytest.mark.full
-def test_lerobot_import_takes_swept_range_and_true_zero(arm, run_cli, tmp_path):
+def test_lerobot_import_keeps_swept_range_and_true_zero(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     assert imported(arm, run_cli, path).code == 0
@@ -70,7 +70,7 @@ def test_lerobot_import_takes_swept_range_and_true_zero(arm, run_cli, tmp_path):
 
 
 @pytest.mark.full
-def test_lerobot_export_reports_what_it_cannot_express(arm, run_cli, tmp_path):
+def test_lerobot_export_reports_values_it_cannot_contain(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     imported(arm, run_cli, path)
@@ -80,7 +80,7 @@ def test_lerobot_export_reports_what_it_cannot_express(arm, run_cli, tmp_path):
 
 
 @pytest.mark.full
-def test_lerobot_export_writes_a_file_with_the_to_option(arm, run_cli, tmp_path):
+def test_lerobot_export_with_to_option_writes_file(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
     imported(arm, run_cli, path)

@@ -40,7 +40,7 @@ def test_move_reports_path_error_only_for_a_line(run_cli):
     assert "path error" not in run_cli(move).out
 
 
-def test_move_prints_report_to_stdout_and_announces_on_stderr(run_cli):
+def test_move_prints_report_to_stdout_and_notice_to_stderr(run_cli):
     result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert result.out.splitlines()[0] == "target     (0.230, 0.020, 0.100) m"
     assert result.out.splitlines()[-1] == "reached    yes"
@@ -54,7 +54,7 @@ def test_move_dry_run_prints_plan_and_its_joints(run_cli):
                                     "wrist_roll"}  # fmt: skip
 
 
-def test_where_json_has_the_expected_keys(run_cli):
+def test_where_json_has_expected_keys(run_cli):
     answer = run_cli("where --arm so101 --port sim --json").json
     assert set(answer) == {"schema", "tip_m", "joints", "conditioning", "singularity"}
     assert set(answer["joints"][0]) >= {
@@ -63,7 +63,7 @@ def test_where_json_has_the_expected_keys(run_cli):
     }  # fmt: skip
 
 
-def test_where_names_the_source_of_the_limits(run_cli):
+def test_where_command_names_source_of_joint_limits(run_cli):
     joints = run_cli("where --arm wx250s --port sim --json").json["joints"]
     assert {joint["limit_from"] for joint in joints} <= {
         "arm file", "servo register", "arm file / servo register", "servo register / arm file"
@@ -72,19 +72,19 @@ def test_where_names_the_source_of_the_limits(run_cli):
 
 
 @pytest.mark.full
-def test_joints_command_takes_degrees_and_radians(run_cli):
+def test_joints_command_accepts_degrees_and_radians(run_cli):
     result = run_cli("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
     assert result.code == 0
     assert result.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
 
 
-def test_joints_command_takes_a_negative_angle(run_cli):
+def test_joints_command_accepts_negative_angle(run_cli):
     goal = run_cli("joints shoulder_pan=-5 --arm so101 --port sim --json").json["goal_rad"]
     assert goal == pytest.approx({"shoulder_pan": math.radians(-5.0)})
 
 
 @pytest.mark.full
-def test_joints_command_takes_millimetres_for_a_slide(run_cli):
+def test_joints_command_accepts_millimetres_for_sliding_joint(run_cli):
     goal = run_cli("joints gripper=10mm --arm open_manipulator_x --port sim --json").json[
         "goal_rad"
     ]
@@ -111,14 +111,14 @@ def test_arms_command_lists_all_shipped_arms(run_cli):
     ]  # fmt: skip
 
 
-def test_arms_command_reports_an_unusual_base_frame(run_cli):
+def test_arms_command_reports_unusual_base_frame(run_cli):
     frames = run_cli("arms").out.partition("base frame")[2].splitlines()
     (so101,) = [line for line in frames if line.startswith("so101")]
     assert "the maker's: origin 38.84 mm behind the first axis" in so101
 
 
 @pytest.mark.full
-def test_move_reports_tool_turn_if_no_orientation_requested(run_cli):
+def test_move_without_orientation_reports_how_tool_turned(run_cli):
     result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation changed by \d+\.\d° \(none was requested\)$",
                      result.out, re.M)  # fmt: skip
@@ -133,7 +133,7 @@ def test_move_reports_error_of_requested_orientation(run_cli):
 PAN_TILT = Path(__file__).parents[2] / "examples" / "arms" / "pan_tilt" / "arm.toml"
 
 
-def test_look_at_turns_pan_tilt_and_reports_its_joints(run_cli):
+def test_look_at_command_turns_pan_tilt_and_reports_joints(run_cli):
     looked = run_cli(f"move --look-at 1 0.5 -0.2 --arm {PAN_TILT} --port sim --json").json
     assert looked["schema"] == "ikservo/joints/1"
     assert looked["reached"]

@@ -13,13 +13,13 @@ SO101 = "--arm so101 --port sim"
 
 
 @pytest.mark.campaign
-def test_move_line_reaches_target_and_reports_like_a_move(run_cli):
+def test_move_line_reaches_target_with_same_report_as_move(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --json")
     assert result.code == 0
     np.testing.assert_allclose(result.json["measured_tip_m"], (0.25, 0.05, 0.15), atol=2e-3)
 
 
-def test_move_via_takes_lengths_with_or_without_units(run_cli):
+def test_move_via_option_accepts_lengths_with_and_without_unit(run_cli):
     result = run_cli(
         f"move 0.25 0.05 0.15 --via 0.22,-20mm,0.2 --blend 3cm {SO101} --dry-run --json"
     )
@@ -53,7 +53,7 @@ def test_move_announces_that_first_motion_is_slow(run_cli):
     assert "slow." in result.err.splitlines()[0]
 
 
-def test_move_pitch_may_be_negative(run_cli):
+def test_move_pitch_option_accepts_negative_angle(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --pitch -60 {SO101} --dry-run --json")
     assert result.code == 0
     assert abs(result.json["orientation_error_rad"]) < math.radians(0.5)
@@ -84,7 +84,7 @@ def test_move_with_impossible_orientation_exits_7(run_cli):
     ("move 0.25 0.05 0.15 --via 0.9,0,0.2", 7, "(0.900, 0.000, 0.200) m cannot be reached"),
     ("move 0.9 0.05 0.15 --line", 7, "cannot be reached"),
 ])  # fmt: skip
-def test_move_with_bad_options_gives_one_message_and_its_code(run_cli, words, code, printed_words):
+def test_move_with_invalid_options_gives_one_message(run_cli, words, code, printed_words):
     result = run_cli(f"{words} {SO101}")
     assert result.code == code
     assert printed_words in result.err
@@ -106,7 +106,7 @@ def test_joints_dry_run_outside_limits_exits_8(run_cli):
     assert run_cli(f"joints elbow_flex=170 {SO101} --dry-run").code == 8
 
 
-def test_progress_bar_is_drawn_for_motion_without_end(monkeypatch, capsys):
+def test_progress_bar_is_drawn_for_motion_of_unknown_duration(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")  # on a dumb terminal there is no bar
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
@@ -116,7 +116,7 @@ def test_progress_bar_is_drawn_for_motion_without_end(monkeypatch, capsys):
     assert "(0.000, 0.000, 0.000) m" in capsys.readouterr().err
 
 
-def test_move_refuses_target_inside_thing_of_scene(run_cli, tmp_path):
+def test_move_refuses_target_inside_scene_object(run_cli, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text('[[sphere]]\nname = "the ball"\ncentre_m = [0.25, 0, 0.15]\nradius_m = 0.03\n')
     answer = run_cli(f"move 0.25 0 0.15 {SO101} --scene {scene}")
@@ -127,7 +127,7 @@ def test_move_refuses_target_inside_thing_of_scene(run_cli, tmp_path):
 KOCH = '[[arm]]\nname = "the koch"\narm = "koch"\nat_m = [0.45, 0, 0]\nrpy_deg = [0, 0, 180]\n'
 
 
-def test_move_avoids_other_arm_of_scene_where_it_is_measured(run_cli, tmp_path):
+def test_move_avoids_second_arm_at_its_measured_position(run_cli, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(f'{KOCH}port = "sim:?pose=home"\n')
     among = run_cli(f"move 0.3 0 0.15 --straight {SO101} --scene {scene}")
@@ -144,7 +144,7 @@ def test_move_avoids_other_arm_of_scene_where_it_is_measured(run_cli, tmp_path):
         ("sim:?pose=home", "--no-collision", ExitCode.REFUSED, "without collision checks"),
     ],
 )
-def test_move_refuses_scene_with_unmeasurable_other_arm(
+def test_move_refuses_scene_with_unmeasurable_second_arm(
     run_cli, tmp_path, port, options, code, sentence
 ):
     scene = tmp_path / "scene.toml"

@@ -10,7 +10,7 @@ ClickException = typer.BadParameter.__mro__[2]  # typer has a copy of click, or 
 HOSTILE = ("nan", "inf", "-inf", "1e308", "1e308m", "1e308mm", "1e308s")
 
 
-def test_numeric_options_refuse_numbers_that_overflow():
+def test_numeric_options_refuse_overflowing_numbers():
     root = typer.main.get_command(app)
     tried = 0
     for name in root.list_commands(None):

@@ -29,13 +29,13 @@ def names(command):
     return list(inspect.signature(with_options_of_groups(command)).parameters)
 
 
-def test_option_group_is_expanded_at_its_place():
+def test_cli_option_group_is_expanded_in_place():
     def command(what: str, *, paint: Paint, dry: bool = False): ...
 
     assert names(command) == ["what", "colour", "coats", "dry"]
 
 
-def test_option_group_values_reach_command_as_one_object():
+def test_cli_option_group_values_are_passed_as_one_object():
     got = []
 
     def command(what: str, *, paint: Annotated[OilPaint, Without("coats")]):
@@ -45,13 +45,13 @@ def test_option_group_values_reach_command_as_one_object():
     assert got == [("wall", OilPaint(colour="green", coats=1))]
 
 
-def test_option_excluded_from_group_is_not_offered():
+def test_cli_option_excluded_from_group_is_not_available():
     def command(*, paint: Annotated[OilPaint, Without("coats")]): ...
 
     assert names(command) == ["colour"]
 
 
-def test_derived_option_group_replaces_option_in_place():
+def test_derived_cli_option_group_replaces_option_in_place():
     def command(*, paint: OilPaint): ...
 
     options = inspect.signature(with_options_of_groups(command)).parameters
@@ -59,7 +59,7 @@ def test_derived_option_group_replaces_option_in_place():
     assert options["colour"].annotation.__metadata__[0].help == "A colour of oil."
 
 
-def test_option_group_with_misspelt_exclusion_is_refused():
+def test_cli_option_group_with_misspelt_exclusion_is_refused():
     def command(*, paint: Annotated[Paint, Without("color")]): ...
 
     with pytest.raises(TypeError, match="Paint has no color"):

@@ -50,7 +50,7 @@ def port():
 
 
 @pytest.mark.full
-def test_motion_is_seen_and_stopped_from_another_terminal(run_cli, port):
+def test_other_terminal_sees_and_stops_motion(run_cli, port):
     with swaying(port) as process:
         seen = run_cli(f"where --arm so101 --port {port} --json")
         stopped = run_cli("stop --json")
@@ -65,7 +65,7 @@ def test_motion_is_seen_and_stopped_from_another_terminal(run_cli, port):
 
 
 @pytest.mark.full
-def test_stop_command_answers_after_program_was_killed(run_cli, port):
+def test_stop_command_works_after_program_was_killed(run_cli, port):
     with swaying(port) as process:
         process.send_signal(signal.SIGKILL)
         process.wait(timeout=30)

@@ -87,7 +87,7 @@ def read_in_time(read, servo_id):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "target_m"), TARGETS_M.items())
-def test_move_over_pty_reaches_target_by_vendor_sdk(run_cli, port_of, arm, target_m):
+def test_vendor_sdk_confirms_move_over_pseudo_terminal(run_cli, port_of, arm, target_m):
     point = " ".join(map(str, target_m))
     done = run_until_settled(run_cli, f"move {point} --arm {arm} --port {port_of(arm)} --json")
     assert done.code == 0, done.err
@@ -114,7 +114,7 @@ def test_port_in_use_is_refused_with_exit_code_3(run_cli, port_of):
 
 
 @pytest.mark.full
-def test_ended_port_server_gives_exit_code_3_and_no_traceback(run_cli):
+def test_lost_port_server_exits_with_3_without_traceback(run_cli):
     with served("so101") as (port, process):
         process.send_signal(signal.SIGTERM)
         process.wait(timeout=20)
@@ -124,7 +124,7 @@ def test_ended_port_server_gives_exit_code_3_and_no_traceback(run_cli):
 
 
 @pytest.mark.campaign  # tests/journeys/test_bad_day.py presses Ctrl-C in a terminal
-def test_ctrl_c_during_motion_over_pty_holds_and_exits_130(run_cli, port_of):
+def test_ctrl_c_over_pseudo_terminal_holds_arm_and_exits_130(run_cli, port_of):
     port = port_of("so101")
     before = pan_of(run_cli, port)
     words = ["joints", "shoulder_pan=100", "--arm", "so101", "--port", port, "--speed", "slow"]

@@ -41,7 +41,7 @@ def test_ports_json_has_chip_and_serial_number(run_cli, monkeypatch):
     }  # fmt: skip
 
 
-def test_ports_shows_the_by_id_name(run_cli, monkeypatch, tmp_path):
+def test_ports_command_shows_by_id_name(run_cli, monkeypatch, tmp_path):
     device, folder = tmp_path / "ttyACM0", tmp_path / "by-id"
     device.touch()
     folder.mkdir()
@@ -94,7 +94,7 @@ def no_waiting(monkeypatch):
 
 
 @pytest.mark.usefixtures("no_waiting")
-def test_ports_watch_names_the_unplugged_adapter(run_cli, monkeypatch):
+def test_ports_watch_option_names_unplugged_adapter(run_cli, monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH, U2D2], [FEETECH])
     result = run_cli("ports --watch --events 1")
     assert result.out == "unplugged  /dev/ttyUSB0  FT232H (U2D2)\n"
@@ -124,7 +124,7 @@ def test_ports_watch_ends_on_ctrl_c_with_130(run_cli, monkeypatch):
 # --- which port is meant ---
 
 
-def test_port_option_has_priority(monkeypatch):
+def test_port_option_has_priority_over_other_port_sources(monkeypatch):
     set_ports(monkeypatch, [FEETECH])
     monkeypatch.setenv("IKSERVO_PORT", "/dev/ttyUSB9")
     assert choose_port("/dev/ttyUSB7", "so101") == "/dev/ttyUSB7"
@@ -137,26 +137,26 @@ def test_port_variable_has_priority_over_remembered_port(monkeypatch):
     assert choose_port(None, "so101") == "/dev/ttyUSB9"
 
 
-def test_port_of_remembered_adapter_is_found_on_another_socket(monkeypatch):
+def test_remembered_adapter_is_found_at_another_usb_socket(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     set_ports(monkeypatch, [PortInfo("/dev/ttyACM5"), U2D2])
     assert choose_port(None, "so101") == "/dev/ttyACM5"
 
 
-def test_port_is_remembered_per_arm(monkeypatch):
+def test_last_used_port_is_remembered_per_arm(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     remember_port("so101", "/dev/ttyACM0")
     remember_port("koch", "/dev/ttyUSB0")
     assert [choose_port(None, arm) for arm in ("so101", "koch")] == ["/dev/ttyACM0", "/dev/ttyUSB0"]
 
 
-def test_port_of_the_only_adapter_is_chosen_without_memory(monkeypatch):
+def test_only_connected_port_is_chosen_if_none_is_remembered(monkeypatch):
     set_ports(monkeypatch, [U2D2, UART])
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_port_is_not_guessed_between_two_unknown_adapters(monkeypatch):
+def test_port_is_not_chosen_between_two_unknown_adapters(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     with pytest.raises(
         NoPortError, match=r"several adapters.*\n.*ttyACM0, /dev/ttyUSB0.*port=\"sim\""
@@ -174,7 +174,7 @@ def test_port_without_serial_number_is_not_remembered(monkeypatch):
     "text",
     ["", "format = 2\n[serial_numbers]\nso101 = 'FT4THVXD'\n", "a = [", "\0", "a = " + "[" * 9000],
 )
-def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
+def test_damaged_file_of_remembered_ports_is_replaced(monkeypatch, text):
     set_ports(monkeypatch, [FEETECH, U2D2])
     config_dir().mkdir(parents=True)
     (config_dir() / "ports.toml").write_text(text)
@@ -184,7 +184,7 @@ def test_damaged_port_memory_is_ignored_and_replaced(monkeypatch, text):
     assert choose_port(None, "so101") == "/dev/ttyUSB0"
 
 
-def test_port_memory_that_is_a_pipe_is_ignored_without_waiting(monkeypatch):
+def test_remembered_ports_file_that_is_a_pipe_is_ignored(monkeypatch):
     set_ports(monkeypatch, [FEETECH, U2D2])
     config_dir().mkdir(parents=True)
     os.mkfifo(config_dir() / "ports.toml")
@@ -192,7 +192,7 @@ def test_port_memory_that_is_a_pipe_is_ignored_without_waiting(monkeypatch):
         choose_port(None, "so101")
 
 
-def test_port_is_chosen_although_memory_cannot_be_written(monkeypatch, tmp_path):
+def test_port_is_chosen_even_if_it_cannot_be_remembered(monkeypatch, tmp_path):
     set_ports(monkeypatch, [FEETECH])
     (tmp_path / "file").touch()
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "file"))

@@ -15,7 +15,7 @@ def joints(result):
     return dict(zip(NAMES, np.degrees(result.json["q_rad"]).tolist(), strict=True))
 
 
-def test_preferred_joint_is_reached_while_the_tip_stays(run_cli):
+def test_preferred_joint_position_is_reached_with_tip_in_place(run_cli):
     result = run_cli(f"solve {POINT} --prefer wrist_roll=40 --json")
     q = joints(result)
     assert result.json["reached"]
@@ -24,7 +24,7 @@ def test_preferred_joint_is_reached_while_the_tip_stays(run_cli):
     np.testing.assert_allclose(tip_from_joints("so101", radians), (0.25, 0.05, 0.15), atol=1e-5)
 
 
-def test_preferred_posture_with_the_heavier_weight_wins(run_cli):
+def test_preferred_posture_with_larger_weight_has_priority(run_cli):
     both = f"solve {POINT} --prefer elbow_flex=0 --prefer wrist_flex=0 --json"
     light = joints(run_cli(f"{both} --weight elbow_flex=0.1"))
     heavy = joints(run_cli(f"{both} --weight elbow_flex=10"))
@@ -37,7 +37,7 @@ def test_preferred_pose_can_be_overridden_for_single_joints(run_cli):
     assert q["wrist_roll"] == pytest.approx(-30.0, abs=1.0)
 
 
-def test_pseudo_inverse_method_keeps_preferred_joint(run_cli):
+def test_pseudo_inverse_method_respects_preferred_joint_position(run_cli):
     result = run_cli(f"solve {POINT} --method pseudo_inverse --prefer wrist_roll=40 --json")
     assert result.json["method"] == "pseudo_inverse"
     assert joints(result)["wrist_roll"] == pytest.approx(40.0, abs=0.1)
@@ -48,7 +48,7 @@ def test_move_uses_preferred_joint_position(run_cli):
     assert result.json["q_rad"]["wrist_roll"] == pytest.approx(math.radians(40.0), abs=2e-3)
 
 
-def test_preferred_posture_without_freedom_changes_nothing(run_cli):
+def test_preferred_posture_has_no_effect_without_redundancy(run_cli):
     result = run_cli("solve 0.15 0.05 0.05 --arm planar2 --prefer joint1=90")
     assert result.code == 0
     assert "no choice of posture" in result.err
@@ -81,7 +81,7 @@ def test_bad_preferred_posture_gives_usage_error(run_cli, options, why):
 
 
 @pytest.mark.parametrize("options", ["--line", "--pitch -30", "--keep"])
-def test_move_with_orientation_refuses_preferred_posture(run_cli, options):
+def test_move_refuses_preferred_posture_with_orientation(run_cli, options):
     result = run_cli(f"move {POINT} --port sim --yes --prefer home {options}")
     assert result.code == 2
     assert "posture" in result.err

@@ -57,14 +57,14 @@ def test_prompt_ignores_second_line_typed_for_previous_one(terminal):
 
 
 @pytest.mark.parametrize("text", ["\n", "   \n", "maybe\n", "yn\n"])
-def test_prompt_has_no_default_answer(terminal, capsys, text):
+def test_prompt_requires_explicit_answer(terminal, capsys, text):
     terminal.texts = [text, "y\n"]
     assert confirm("Move?") is True
     assert capsys.readouterr().err == "Move? [y/n]: Type y or n, then Enter.\nMove? [y/n]: "
 
 
 @pytest.mark.parametrize(("text", "answer"), [("YES\n", True), (" No \n", False)])
-def test_prompt_understands_yes_and_no_as_words(terminal, text, answer):
+def test_prompt_accepts_yes_and_no_written_out(terminal, text, answer):
     terminal.texts = [text]
     assert confirm("Move?") is answer
 
@@ -92,7 +92,7 @@ def test_read_keys_ignores_keys_typed_before_it(terminal):
         assert pressed() == ""
 
 
-def test_read_keys_returns_keys_typed_together_once(terminal):
+def test_read_keys_returns_each_key_typed_together_once(terminal):
     with read_keys() as pressed:
         terminal.type("us")
         assert pressed() == "us"
@@ -105,7 +105,7 @@ def test_read_keys_ignores_arrow_and_other_escape_sequences(terminal):
         assert pressed() == "s"
 
 
-def test_prompt_ignores_keys_left_unread_before_it(terminal):
+def test_prompt_ignores_keys_left_unread_by_key_reader(terminal):
     with read_keys():
         terminal.type("y\n")
     terminal.texts = ["n\n"]

@@ -75,7 +75,7 @@ def test_stop_command_does_not_load_large_modules(device, args):
     assert not HEAVY & modules
 
 
-def test_stop_does_not_wait_for_a_pipe_in_place_of_arm_file(tmp_path):
+def test_stop_command_does_not_wait_for_pipe_as_arm_file(tmp_path):
     os.mkfifo(tmp_path / "arm.toml")
     assert _name_of(str(tmp_path)) == ""
 
@@ -98,7 +98,7 @@ def test_stop_command_with_arm_stops_only_that_arm(device, tmp_path):
 
 
 @pytest.mark.full
-def test_stop_command_also_stops_arms_of_other_networks(device, tmp_path, monkeypatch):
+def test_stop_command_also_stops_arms_of_network_plugins(device, tmp_path, monkeypatch):
     package = tmp_path / "site" / "other-1.0.dist-info"
     package.mkdir(parents=True)
     (package / "entry_points.txt").write_text("[ikservo.networks]\nother = other_network:NETWORK\n")

@@ -7,13 +7,13 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
 
 
-def test_readme_shows_what_the_demo_runs():
+def test_readme_shows_commands_of_demo():
     makefile = (ROOT / "Makefile").read_text("utf-8")
     demo = re.search(r"^demo:.*\n\t@\$\(BIN\)/(ikservo .*)$", makefile, re.M)[1]
     assert f"```console\n$ {demo}\n" in README
 
 
-def test_readme_leads_from_setup_to_the_first_motion():
+def test_readme_commands_lead_from_setup_to_first_motion():
     journey = README.partition("## First motion")[2].partition("\n## ")[0]
     commands = re.findall(r"^ikservo (\w+)", journey, re.M)
     assert commands == ["setup", "doctor", "calibrate", "move", "relax"]

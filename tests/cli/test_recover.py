@@ -38,7 +38,7 @@ def test_recover_switches_overloaded_feetech_torque_off_and_on(run_cli, monkeypa
     assert ports[0].line.servos[3].read("torque_enable") == 1
 
 
-def test_recover_leaves_limp_feetech_servo_limp(run_cli, monkeypatch):
+def test_recover_does_not_switch_limp_feetech_servo_on(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, overloaded(3, torque=0))
     row = run_cli("recover --arm so101 --port sim --json").json["servos"][2]
     assert (row["after"], row["torque"]) == ([], False)
@@ -103,7 +103,7 @@ def test_recover_reboot_restarts_only_servos_with_alarm(run_cli, monkeypatch):
     assert [servo.boot_s > 0.0 for servo in ports[0].line.world.servos].count(True) == 1
 
 
-def test_recover_at_wrong_voltage_leaves_torque_off(run_cli, monkeypatch):
+def test_recover_at_wrong_supply_voltage_leaves_torque_off(run_cli, monkeypatch):
     def change(line):
         overloaded(3)(line)
         line.servos[3].memory.put("max_voltage_limit", 60)
@@ -128,7 +128,7 @@ def test_recover_continues_if_one_servo_is_silent(run_cli, monkeypatch):
     assert [row["torque"] for row in result.json["servos"]] == [True, None, True, True, True, True]
 
 
-def test_recover_leaves_healthy_arm_alone(run_cli):
+def test_recover_does_not_change_healthy_arm(run_cli):
     result = run_cli("recover --arm so101 --port sim")
     assert result.code == 0
     assert result.err == (
@@ -144,7 +144,7 @@ def test_recover_leaves_healthy_arm_alone(run_cli):
         ((1, 0, 1, 1, 1, 1), "Torque is off at shoulder_lift. The other joints hold."),
     ],
 )
-def test_recover_says_which_joints_are_limp(run_cli, monkeypatch, torques, said):
+def test_recover_prints_which_joints_are_limp(run_cli, monkeypatch, torques, said):
     def change(line):
         for servo, torque in zip(line.world.servos, torques, strict=True):
             servo.write("torque_enable", torque)
@@ -161,7 +161,7 @@ def test_recover_says_which_joints_are_limp(run_cli, monkeypatch, torques, said)
         ("recover --arm so101 --port /dev/ttyNONE7", 3, "/dev/ttyNONE7"),
     ],
 )
-def test_recover_with_bad_input_gives_one_error(run_cli, words, code, message):
+def test_recover_with_invalid_input_gives_one_error(run_cli, words, code, message):
     result = run_cli(words)
     assert result.code == code
     assert message in result.err

@@ -27,7 +27,7 @@ FIELDS = (
 )
 
 
-def test_result_json_has_keys_in_the_order_of_the_table(capsys):
+def test_result_json_keys_are_in_order_of_field_table(capsys):
     print_fields("cup", Cup(0.1, True, ("old",)), FIELDS, json=True)
     printed = json.loads(capsys.readouterr().out)
     assert list(printed) == ["schema", "size_m", "full", "name", "notes"]
@@ -43,19 +43,19 @@ def test_result_json_has_keys_in_the_order_of_the_table(capsys):
 @pytest.mark.parametrize(
     ("full", "text"), [(True, "yes"), (np.bool_(False), "no"), (None, ""), (1, "1")]
 )
-def test_result_text_has_a_line_per_field_and_per_item(capsys, full, text):
+def test_result_text_has_one_line_per_field_and_item(capsys, full, text):
     print_fields("cup", Cup(0.1, full, ("old", "blue")), FIELDS, json=False, width=6)
     lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     rows = ["size  100 mm", f"full  {text}".rstrip(), "half  50 mm", "note  old", "note  blue"]
     assert lines == rows
 
 
-def test_result_text_has_only_given_fields_in_given_order(capsys):
+def test_result_text_contains_only_selected_fields_in_order(capsys):
     print_fields("cup", Cup(0.1, True), FIELDS, json=False, order="full size_m")
     assert capsys.readouterr().out == "full      yes\nsize      100 mm\n"
 
 
-def test_result_records_are_a_json_list_beside_other_keys(capsys):
+def test_result_records_are_printed_as_json_list(capsys):
     print_records("cups", "cups", [Cup(0.1, True)], FIELDS[:2], json=True, at="home")
     printed = json.loads(capsys.readouterr().out)
     assert printed == {
@@ -65,7 +65,7 @@ def test_result_records_are_a_json_list_beside_other_keys(capsys):
     }
 
 
-def test_result_records_are_a_text_table(capsys):
+def test_result_records_are_printed_as_text_table(capsys):
     cups = [Cup(0.1, True, ("old", "blue")), Cup(0.2, False)]
     print_records("cups", "cups", cups, FIELDS, json=False, order="full notes size_m")
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]

@@ -25,14 +25,14 @@ def scene(tmp_path):
     return write
 
 
-def test_scene_show_lists_things_with_places_and_sizes(run_cli, scene):
+def test_scene_show_lists_objects_with_positions_and_sizes(run_cli, scene):
     shown = run_cli(f"scene show {scene(0.1)} --json").json
     assert [thing["name"] for thing in shown["things"]] == ["the shelf", "the can"]
     assert shown["things"][0]["low_m"] == pytest.approx([0.4, -0.2, 0.19])
     assert "0.070, -0.030, 0.000" in run_cli(f"scene show {scene(0.1)}").out
 
 
-def test_scene_check_names_poses_that_touch_a_thing(run_cli, scene):
+def test_scene_check_names_poses_that_touch_an_object(run_cli, scene):
     found = run_cli(f"scene check {scene(0.1)} --arm so101")
     assert found.code == 1
     assert "home: upper_arm touches the can" in found.out
@@ -48,7 +48,7 @@ def test_scene_command_refuses_unknown_action_and_missing_file(run_cli, scene, t
     assert run_cli(f"scene show {tmp_path / 'none.toml'}").code == 2
 
 
-def test_scene_check_reports_other_arm_as_unchecked(run_cli, scene):
+def test_scene_check_reports_that_second_arm_is_not_checked(run_cli, scene):
     path = scene(-0.6)
     path.write_text(path.read_text() + '[[arm]]\nname = "koch"\nat_m = [0.45, 0, 0]\n')
     (arm,) = run_cli(f"scene show {path} --json").json["arms"]

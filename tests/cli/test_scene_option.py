@@ -30,7 +30,7 @@ def recorded(tmp_path):
     return path
 
 
-def test_replay_is_refused_by_thing_of_scene(run_cli, tmp_path, recorded):
+def test_replay_through_scene_object_is_refused(run_cli, tmp_path, recorded):
     scene = tmp_path / "scene.toml"
     scene.write_text(WALL)
     command = f"replay {recorded} --arm so101 --port sim:?pose=home --yes"
@@ -62,7 +62,7 @@ def test_command_with_scene_option_reads_the_scene_file(run_cli, tmp_path, recor
     assert done.code not in (0, 1)
 
 
-def test_gripper_width_hint_names_a_joints_command_that_works(run_cli):
+def test_gripper_width_error_suggests_working_joints_command(run_cli):
     refused = run_cli("gripper 30mm --arm so101 --port sim --yes")
     assert refused.code == 2
     hint = re.search(r"ikservo (joints \S+=[-0-9.]+)", refused.err)

@@ -53,7 +53,7 @@ def test_look_and_camera_check_choose_camera_by_name(arm, run_cli):
     assert run_cli(f"look 480 500 --arm {ARM}").code == 0
 
 
-def test_look_chooses_camera_by_source(arm, run_cli):
+def test_look_command_selects_camera_by_source(arm, run_cli):
     arm.close()
     named = run_cli(f"look 480 500 --arm {ARM} --camera-name left --json").json["point_m"]
     assert run_cli(f"look 480 500 --arm {ARM} --camera 1 --json").json["point_m"] == named
@@ -84,7 +84,7 @@ def test_camera_name_is_needed_only_if_there_are_several(arm):
     assert "left, right" in refused.value.hint
 
 
-def test_calibration_keeps_several_cameras_and_old_format_of_one(arm, tmp_path, monkeypatch):
+def test_calibration_stores_several_cameras_and_reads_old_one(arm, tmp_path, monkeypatch):
     camera = load_camera("so101", SIMULATED)[0]
     mounted = connect_arm(monkeypatch, "so101")
     plain = write_calibration(mounted)

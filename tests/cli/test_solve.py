@@ -9,7 +9,7 @@ from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
 
 
-def test_solve_joints_put_the_tip_at_the_point(run_cli):
+def test_solve_joints_bring_tip_to_requested_point(run_cli):
     answer = run_cli("solve 0.25 0.05 0.15 --arm so101 --json").json
     names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
     tip = tip_from_joints("so101", dict(zip(names, answer["q_rad"], strict=True)))
@@ -24,7 +24,7 @@ def test_solve_json_has_the_expected_keys(run_cli):
     }  # fmt: skip
 
 
-def test_solve_takes_units_behind_numbers(run_cli):
+def test_solve_accepts_units_after_numbers(run_cli):
     metres = run_cli("solve 0.25 -0.05 0.15 --arm so101 --json").json
     assert run_cli("solve 250mm -5cm .15m --arm so101 --json").json == metres
 
@@ -41,25 +41,25 @@ def test_solve_text_gives_distance_to_nearest_point(run_cli):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_solve_of_bare_urdf_needs_its_tip(run_cli, arm):
+def test_solve_of_plain_urdf_needs_tip_option(run_cli, arm):
     result = run_cli(f"solve 0.1 0.1 0.1 --arm configs/{arm}/arm.urdf --json")
     assert result.code == 2
     assert "which link is the tool" in result.json["error"]
 
 
-def test_solve_of_bare_urdf_with_tip_works(run_cli):
+def test_solve_of_plain_urdf_with_tip_option_works(run_cli):
     result = run_cli("solve 0.25 0.05 0.15 --arm configs/so101/arm.urdf --tip gripper_frame --json")
     assert result.json["reached"] is True
 
 
-def test_solve_without_an_arm_lists_the_arms(run_cli):
+def test_solve_command_without_arm_lists_arms(run_cli):
     result = run_cli("solve 0.2 0 0.1")
     assert result.code == 2
     assert "No arm given." in result.err
     assert "so101" in result.err
 
 
-def test_solve_takes_arm_from_the_environment(run_cli, monkeypatch):
+def test_solve_uses_arm_from_environment_variable(run_cli, monkeypatch):
     monkeypatch.setenv("IKSERVO_ARM", "so101")
     assert run_cli("solve 0.25 0.05 0.15").code == 0
 
@@ -70,13 +70,13 @@ def tool_of_so101(q_rad):
     return math.degrees(math.asin(chain.forward(q_rad)[2, 2]))
 
 
-def test_solve_meets_the_requested_pitch(run_cli):
+def test_solve_reaches_requested_pitch(run_cli):
     answer = run_cli("solve 0.2 0.05 0.1 --arm so101 --pitch -60 --json").json
     assert answer["reached"] is True
     assert tool_of_so101(answer["q_rad"]) == pytest.approx(-60.0, abs=0.5)
 
 
-def test_solve_keep_holds_the_home_orientation(run_cli):
+def test_solve_keep_option_keeps_orientation_of_home_pose(run_cli):
     model = load_model("wx250s")
     x, y, z = model.chain.forward(model.chain_pose("home"))[:3, 3] + (0.02, 0.03, 0.0)
     answer = run_cli(f"solve {x} {y} {z} --arm wx250s --keep --json").json

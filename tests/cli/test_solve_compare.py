@@ -24,7 +24,7 @@ def tip_of_so101(q_rad):
 
 
 @pytest.mark.parametrize("method", LECTURE)
-def test_solve_method_answers_with_the_chosen_method(run_cli, method):
+def test_solve_method_option_uses_chosen_method(run_cli, method):
     answer = run_cli(f"{POINT} --method {method} --json").json
     assert answer["method"] == method
     np.testing.assert_allclose(tip_of_so101(answer["q_rad"]), (0.25, 0.05, 0.15), atol=1e-5)
@@ -70,7 +70,7 @@ def test_solve_compare_out_of_reach_exits_7_with_each_error(run_cli):
 
 
 @pytest.mark.full
-def test_solve_compare_names_binding_limits_and_their_source(run_cli):
+def test_solve_compare_names_limits_in_effect_and_their_source(run_cli):
     question = "solve --arm so101 --json"
     compared, alone = (
         run_cli(f"{question} {how} -- 0.02 0 -0.2").json
@@ -82,7 +82,7 @@ def test_solve_compare_names_binding_limits_and_their_source(run_cli):
     assert compared["limit_from"] == alone["limit_from"]
 
 
-def test_solve_compare_names_the_method_that_took_over(run_cli):
+def test_solve_compare_names_fallback_method(run_cli):
     result = run_cli("solve 0.9 0 0.2 --arm so101 --compare")
     assert "closed_form (by bounded)" in result.out
 
@@ -93,13 +93,13 @@ def test_solve_compare_with_direction_has_an_angle_column(run_cli):
     assert result.out.splitlines()[1].endswith("°")
 
 
-def test_solve_meets_the_requested_direction(run_cli):
+def test_solve_reaches_requested_direction(run_cli):
     answer = run_cli(f"{FLAT} --direction 0,1,0 --tool-axis x --json").json
     assert answer["reached"]
     assert sum(answer["q_rad"]) == pytest.approx(math.pi / 2, abs=1e-4)
 
 
-def test_solve_direction_may_begin_with_a_minus(run_cli):
+def test_solve_direction_may_start_with_negative_number(run_cli):
     words = f"{FLAT} --direction -0.5,1,0 --tool-axis x --json"
     assert sum(run_cli(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
 
@@ -111,7 +111,7 @@ def test_solve_reports_impossible_direction_in_degrees(run_cli):
     assert "0.0 mm and 90.0° away" in result.out
 
 
-def test_solve_all_lists_solutions_that_reach_and_differ(run_cli):
+def test_solve_all_lists_distinct_solutions_that_reach_target(run_cli):
     found = run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --all --json").json
     assert found["schema"] == "ikservo/solutions/1"
     joints = [solution["q_rad"] for solution in found["solutions"]]
@@ -129,17 +129,17 @@ def test_solve_all_prints_a_table_in_degrees(run_cli):
     assert re.fullmatch(r"1( +-?[\d.]+°){3} +0\.0000 mm", lines[1].strip())
 
 
-def test_solve_all_reports_a_one_parameter_family(run_cli):
+def test_solve_all_reports_one_parameter_family_of_solutions(run_cli):
     assert "one-parameter family" in run_cli(f"{FLAT} --all").out
 
 
-def test_solve_all_without_solution_gives_the_nearest_point(run_cli):
+def test_solve_all_of_unreachable_point_gives_nearest_point(run_cli):
     result = run_cli("solve 0.9 0 0.05 --arm planar3 --all")
     assert result.code == 7
     assert "mm away" in result.out
 
 
-def test_solve_all_without_solution_has_an_empty_json_list(run_cli):
+def test_solve_all_of_unreachable_point_has_empty_json_list(run_cli):
     result = run_cli("solve 0.9 0 0.05 --arm planar3 --all --json")
     assert result.code == 7
     assert result.json["solutions"] == []
@@ -204,7 +204,7 @@ def test_solve_compare_with_trace_has_every_method(run_cli):
     assert {line["method"] for line in lines} == {"bounded", "closed_form", *LECTURE}
 
 
-def test_solve_trace_that_does_not_arrive_exits_7(run_cli):
+def test_solve_trace_that_does_not_converge_exits_7(run_cli):
     assert run_cli("solve 0.9 0 0.05 --arm planar3 --method ccd --trace").code == 7
 
 
@@ -223,14 +223,14 @@ def test_solve_trace_that_does_not_arrive_exits_7(run_cli):
         ("--tool-axis w", "'w' is not a direction"),
     ],
 )
-def test_solve_refuses_contradicting_options_before_any_work(run_cli, words, message):
+def test_solve_refuses_contradicting_options_before_solving(run_cli, words, message):
     result = run_cli(f"{FLAT} {words}")
     assert result.code == 2
     assert message in result.err
     assert result.out == ""
 
 
-def test_solve_plot_without_matplotlib_names_the_extra(run_cli, monkeypatch, tmp_path):
+def test_solve_plot_without_matplotlib_says_what_to_install(run_cli, monkeypatch, tmp_path):
     monkeypatch.setattr("ikservo.cli.plots.find_spec", lambda _: None)
     result = run_cli(f"{FLAT} --plot {tmp_path}/arm.svg")
     assert result.code == 1
@@ -274,7 +274,7 @@ def test_solve_plot_out_of_reach_shows_the_distance(run_cli, tmp_path):
     assert any(re.fullmatch(r"ccd, 5\d\d\.\d mm short", word) for word in words_of(file))
 
 
-def test_solve_all_plot_has_no_iteration_curves(run_cli, tmp_path):
+def test_plot_of_solve_all_has_no_iteration_curves(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --all --plot {file}")
     words = words_of(file)
@@ -296,7 +296,7 @@ def test_solve_plot_writes_a_png(run_cli, tmp_path):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_solve_plot_line_leads_from_base_to_tip(name):
+def test_solve_plot_draws_links_from_base_to_tip(name):
     model = load_model(name)
     home = model.chain_pose("home")
     line, joints = arm_polyline(model, home)
@@ -318,6 +318,6 @@ def test_solve_compare_says_which_methods_are_compiled(run_cli, monkeypatch, com
     assert ("`bounded` is compiled" in run_cli(f"{POINT} --compare").err) == compiled
 
 
-def test_joint_limit_error_does_not_ask_about_degrees(run_cli):
+def test_joint_limit_error_of_solve_does_not_mention_degrees(run_cli):
     result = run_cli("joints elbow_flex=200 --arm so101 --port sim")
     assert (result.code, "Did you mean" in result.err) == (8, False)

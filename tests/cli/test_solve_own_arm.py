@@ -35,7 +35,7 @@ def test_solve_refuses_point_beyond_the_swept_range(run_cli, file):
     assert run_cli(f"solve {AT_THE_SIDE}").code == 0
 
 
-def test_solve_names_the_sweep_as_binding_limit(run_cli, file):
+def test_solve_names_swept_range_as_limit_in_effect(run_cli, file):
     binding = run_cli(f"solve {AT_THE_SIDE} --json").json["binding"]
     assert any(
         words.startswith("shoulder_pan at its ") and words.endswith("(hand sweep of 2026-11-02)")
@@ -43,11 +43,11 @@ def test_solve_names_the_sweep_as_binding_limit(run_cli, file):
     )
 
 
-def test_solve_json_names_the_source_of_each_limit(run_cli, file):
+def test_solve_json_states_source_of_each_limit(run_cli, file):
     assert any("hand sweep" in s for s in run_cli(f"solve {AT_THE_SIDE} --json").json["limit_from"])
 
 
-def test_solve_names_its_calibration_on_stderr(run_cli, file):
+def test_solve_prints_used_calibration_to_stderr(run_cli, file):
     result = run_cli(f"solve {AT_THE_SIDE}")
     assert result.err == f"Limits from calibration: {file} (the newest; older files: 1)\n"
 

@@ -8,7 +8,7 @@ from ikservo.model import load_model
 from tests.oracle import ARMS
 
 
-def test_solve_says_whether_there_are_other_solutions(run_cli):
+def test_solve_reports_whether_other_solutions_exist(run_cli):
     assert "one of 2 solutions" in run_cli("solve 0.2 0.1 0.05 --arm planar2").out
     assert "one-parameter family" in run_cli("solve 0.2 0.1 0.05 --arm planar3").out
 
@@ -56,13 +56,13 @@ def test_solve_refuses_an_invalid_force(run_cli, force):
 
 
 @pytest.mark.parametrize("other", ["--all", "--compare", "--trace"])
-def test_solve_force_refuses_options_with_several_answers(run_cli, other):
+def test_solve_force_refuses_options_with_several_solutions(run_cli, other):
     result = run_cli(f"solve 0.25 0.05 0.15 --arm so101 --force 0 0 -5 {other}")
     assert result.code == 2
     assert "--force" in result.err
 
 
-def test_solve_is_no_farther_from_start_than_with_no_nearest(run_cli):
+def test_solve_is_no_farther_from_start_than_without_nearest(run_cli):
     ask = "solve 0.25 0 0.25 --arm wx250s --direction 1,0,0.2 --json"
     first, nearest = run_cli(f"{ask} --no-nearest").json, run_cli(ask).json
     assert first["reached"]

@@ -111,7 +111,7 @@ def test_failing_progress_bar_does_not_hide_a_stop(monkeypatch):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_second_signal_lowers_the_arm_and_switches_torque_off(servos, monkeypatch, capsys, number):
+def test_second_signal_lowers_arm_and_switches_torque_off(servos, monkeypatch, capsys, number):
     press(monkeypatch, [number, number])
     assert move() == 130
     result = capsys.readouterr().err
@@ -124,7 +124,7 @@ def test_second_signal_lowers_the_arm_and_switches_torque_off(servos, monkeypatc
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_second_signal_is_handled_with_the_arm_at_rest(servos, monkeypatch, number):
+def test_second_signal_is_handled_after_arm_has_come_to_rest(servos, monkeypatch, number):
     sleep_until, presses = RealClock.sleep_until, [number]
 
     def again(clock, deadline_s):
@@ -174,7 +174,7 @@ def interrupt_a_motion(arm, clock):
 
 @pytest.mark.full
 @pytest.mark.parametrize(("at_s", "torque"), [(0.9, 0), (1.1, 1)])
-def test_second_signal_counts_only_within_one_second(at_s, torque):
+def test_second_signal_has_effect_only_within_one_second(at_s, torque):
     with open_arm("so101", port="sim:?pose=home") as arm:
         with pytest.raises(StoppedError):
             interrupt_a_motion(arm, PressedAgain(at_s))

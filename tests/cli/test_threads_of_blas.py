@@ -48,5 +48,5 @@ def test_command_uses_one_blas_thread():
         ({"OPENBLAS_NUM_THREADS": ""}, ["", "None"]),
     ],
 )
-def test_blas_thread_number_of_the_user_is_kept(own, read):
+def test_blas_thread_count_set_by_user_is_kept(own, read):
     assert report_of_solve(**own)[1:-1] == [each for each in read if each]

@@ -101,7 +101,7 @@ def test_touch_off_of_15_points_brings_tip_within_1_5_mm_rms(arm, truth, tmp_pat
 
 
 @pytest.mark.full
-def test_touch_off_drops_and_names_camera_of_the_old_zeros(arm, truth, tmp_path, run_cli):
+def test_touch_off_drops_and_names_outdated_camera_calibration(arm, truth, tmp_path, run_cli):
     camera = CalibratedCamera(
         source="2", seen=datetime(2026, 11, 2, tzinfo=UTC), pictures=24, left_out=0,
         before_mm=1.0, after_mm=0.2, size_px=(640, 480), lens_px=(600.0, 600.0, 320.0, 240.0),
@@ -151,7 +151,7 @@ def test_touch_off_time_out_names_the_untouched_point(arm, tmp_path, run_cli, mo
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
 
 
-def test_touch_off_states_place_of_sheet_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
+def test_touch_off_prints_sheet_position_and_omits_far_points(arm, tmp_path, run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 1.0)
     done = run_cli(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
@@ -189,7 +189,7 @@ def test_calibrate_refuses_touch_points_without_touch_option(arm, run_cli):
 
 
 @pytest.mark.full
-def test_touch_off_is_operated_by_single_keys(arm, truth, tmp_path, run_cli, monkeypatch):
+def test_touch_off_is_controlled_by_single_keys(arm, truth, tmp_path, run_cli, monkeypatch):
     points = guide(arm, truth, tmp_path, 8)
     typed = iter("\nu" + 8 * "\n" + "a")  # the first touch is taken back and made again
     state = {"next": next(typed)}
@@ -220,9 +220,7 @@ def reported_errors_m(answer):
 
 
 @pytest.mark.campaign
-def test_touch_accuracy_test_finds_errors_of_the_calibration(
-    arm, truth, tmp_path, run_cli, monkeypatch
-):
+def test_touch_accuracy_test_detects_calibration_errors(arm, truth, tmp_path, run_cli, monkeypatch):
     monkeypatch.chdir(tmp_path)
     true = math.sqrt(np.mean(tip_errors_m(arm, truth) ** 2))
     test = f"test {NAME} --port {PORT} --touch --touches 1 --html a.html --overwrite --yes --json"
@@ -237,7 +235,7 @@ def test_touch_accuracy_test_finds_errors_of_the_calibration(
     assert math.sqrt(np.mean(reported_errors_m(again.json) ** 2)) < 0.2 * before
 
 
-def test_touch_accuracy_test_repeats_points_for_repeatability(arm, truth, tmp_path, run_cli):
+def test_touch_accuracy_test_measures_repeatability(arm, truth, tmp_path, run_cli):
     lines = guide(arm, truth, tmp_path, 6).read_text().splitlines()
     (tmp_path / "points").write_text("\n".join(lines[:4]))  # three points, each twice
     words = f"test {NAME} --port {PORT} --touch --touches 2 --points {tmp_path / 'points'}"

@@ -72,7 +72,7 @@ def answer(seen):
 
 
 @pytest.mark.full
-def test_wiggle_shows_each_joint_once_after_a_change(arm, run_cli, watcher):
+def test_joint_wiggle_moves_each_joint_once_after_calibration(arm, run_cli, watcher):
     watcher(arm)
     done = run_cli(MOVE)
     assert done.code == 0, done.err
@@ -86,7 +86,7 @@ def test_wiggle_shows_each_joint_once_after_a_change(arm, run_cli, watcher):
 @pytest.mark.parametrize(
     "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --duration 0.2"]
 )
-def test_wiggle_precedes_joints_pose_and_jog_commands(arm, run_cli, watcher, words):
+def test_joint_wiggle_precedes_joints_pose_and_jog_commands(arm, run_cli, watcher, words):
     watcher(arm)
     done = run_cli(f"{words} --arm {NAME} --port {PORT}")
     assert done.code == 0, done.err
@@ -95,7 +95,7 @@ def test_wiggle_precedes_joints_pose_and_jog_commands(arm, run_cli, watcher, wor
 
 
 @pytest.mark.campaign
-def test_wiggle_precedes_a_replay(arm, run_cli, watcher, tmp_path):
+def test_joint_wiggle_precedes_replay(arm, run_cli, watcher, tmp_path):
     tape = tmp_path / "wave.jsonl"
     assert run_cli(f"record {tape} --duration 0.3 --arm {NAME} --port {PORT}").code == 0
     watcher(arm)
@@ -104,14 +104,14 @@ def test_wiggle_precedes_a_replay(arm, run_cli, watcher, tmp_path):
     assert done.err.count("then back") == 2
 
 
-def test_wiggle_is_skipped_for_an_uncalibrated_arm(monkeypatch, run_cli):
+def test_joint_wiggle_is_skipped_for_uncalibrated_arm(monkeypatch, run_cli):
     connect_arm(monkeypatch, NAME, zero=2048, sign=1, spoiled=False)
     done = run_cli(f"joints joint1=5 --arm {NAME} --port {PORT} --no-collision --yes")
     assert "then back" not in done.err
 
 
 @pytest.mark.full
-def test_wiggle_is_due_again_after_calibration_changes(arm, run_cli):
+def test_joint_wiggle_is_required_again_after_calibration(arm, run_cli):
     assert run_cli(f"{MOVE} --yes").code == 0
     assert directions_confirmed(load_model(NAME), PORT)
     arm.port.clock.sleep_until(arm.port.clock.now_s() + 0.01)  # the last goals arrive
@@ -121,7 +121,7 @@ def test_wiggle_is_due_again_after_calibration_changes(arm, run_cli):
     assert not directions_confirmed(load_model(NAME), PORT)
 
 
-def test_wiggle_without_operator_refuses_the_motion(arm, run_cli):
+def test_joint_wiggle_without_operator_refuses_motion(arm, run_cli):
     before = arm.true_position("joint1")
     done = run_cli(MOVE)
     assert (done.code, "--yes" in done.err) == (2, True)
@@ -129,18 +129,18 @@ def test_wiggle_without_operator_refuses_the_motion(arm, run_cli):
 
 
 @pytest.mark.full
-def test_wiggle_can_be_switched_off(arm, run_cli):
+def test_joint_wiggle_can_be_switched_off(arm, run_cli):
     done = run_cli(f"{MOVE} --no-wiggle --yes")
     assert done.code == 0
     assert "then back" not in done.err
 
 
-def test_wiggle_is_not_done_in_a_dry_run(arm, run_cli):
+def test_joint_wiggle_is_not_done_in_dry_run(arm, run_cli):
     assert "then back" not in run_cli(f"{MOVE} --dry-run --yes").err
 
 
 @pytest.mark.full
-def test_wiggle_names_a_jammed_joint(arm, run_cli):
+def test_joint_wiggle_names_jammed_joint(arm, run_cli):
     arm.line.servos[2].motor.stuck = True
     done = run_cli(f"calibrate {NAME} --port {PORT} --wiggle --yes")
     assert done.code in (6, 8)
@@ -161,7 +161,7 @@ def swapped(monkeypatch, pair):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("pair", PAIRS, ids=str)
-def test_wiggle_finds_swapped_servo_ids(monkeypatch, run_cli, watcher, pair):
+def test_joint_wiggle_finds_swapped_servo_ids(monkeypatch, run_cli, watcher, pair):
     arm = swapped(monkeypatch, pair)
     watcher(arm)
     done = run_cli(f"calibrate so101 --port {PORT} --wiggle --uncalibrated")
@@ -171,7 +171,7 @@ def test_wiggle_finds_swapped_servo_ids(monkeypatch, run_cli, watcher, pair):
 
 
 @pytest.mark.full
-def test_wiggle_finds_a_mirrored_sign(monkeypatch, run_cli, watcher):
+def test_joint_wiggle_finds_mirrored_joint_sign(monkeypatch, run_cli, watcher):
     arm = connect_arm(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
     watcher(arm)
     done = run_cli(f"calibrate {NAME} --port {PORT} --wiggle --uncalibrated")
@@ -179,7 +179,7 @@ def test_wiggle_finds_a_mirrored_sign(monkeypatch, run_cli, watcher):
 
 
 @pytest.mark.full
-def test_pose_lifts_the_tool_first_if_the_arm_rests_on_table(monkeypatch):
+def test_pose_command_lifts_tool_first_if_arm_rests_on_table(monkeypatch):
     bench = place_arm(monkeypatch, "so101", "rest, sunk", "real, calibrated")
     done = run_arguments(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
     assert done.code == 0, done.err

@@ -35,7 +35,7 @@ def test_stop_command_lists_torque_of_every_joint(run_cli):
     )
 
 
-def test_stop_command_without_arm_needs_an_open_program(run_cli):
+def test_stop_command_without_arm_needs_a_running_program(run_cli):
     result = run_cli("stop")
     assert result.code == 2
     assert result.err.startswith("None of your programs has an arm open, and no arm is served")
@@ -51,7 +51,7 @@ def test_jog_ends_when_its_duration_is_up(run_cli):
 
 
 @pytest.mark.parametrize(("speed", "back"), [("-40", "--speed 40"), ("", "a negative --speed")])
-def test_blocked_jog_says_how_to_jog_back(run_cli, speed, back):
+def test_blocked_jog_error_says_how_to_jog_back(run_cli, speed, back):
     option = f"--speed {speed}" if speed else ""
     joint = "shoulder_lift" if speed else "elbow_flex"
     result = run_cli(f"jog {joint} {option} --duration 6 --arm so101 --port sim")
@@ -59,7 +59,7 @@ def test_blocked_jog_says_how_to_jog_back(run_cli, speed, back):
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
+def test_jog_warns_once_if_solver_is_not_compiled(run_cli, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.open_and_confirm.is_compiled", lambda: compiled)
     result = run_cli(f"jog shoulder_pan --duration 100ms {SIM} --json")
     assert result.err.count("not compiled") == (not compiled)
@@ -91,7 +91,7 @@ def test_jog_warns_once_of_an_uncompiled_solver(run_cli, monkeypatch, compiled):
         ("follow so102", "There is no arm named 'so102'."),
     ],
 )
-def test_motion_commands_refuse_bad_input_in_one_line(run_cli, words, found):
+def test_motion_commands_refuse_invalid_input_with_one_line(run_cli, words, found):
     result = run_cli(f"{words} {SIM}")
     assert result.code in (1, 2)
     assert found in result.err
@@ -137,7 +137,7 @@ def test_recording_is_not_overwritten_without_the_option(run_cli, home):
     assert (home / "wave.jsonl").read_text() == "precious"
 
 
-def test_truncated_recording_is_refused_with_its_line(run_cli, home):
+def test_truncated_recording_is_refused_with_line_number(run_cli, home):
     run_cli(f"record wave.jsonl --duration 200ms {SIM}")
     whole = (home / "wave.jsonl").read_text()
     (home / "wave.jsonl").write_text(whole[:-4])
@@ -159,7 +159,7 @@ def test_where_watch_json_prints_one_object_per_line(run_cli):
     assert [row["schema"] for row in rows] == ["ikservo/where/1"] * 3
 
 
-def test_where_watch_period_uses_the_given_clock(capsys):
+def test_where_watch_waits_for_its_period(capsys):
     clock = VirtualClock()
     model = ikservo.load_model("so101")
     watch_arm(model, "sim", 3600.0, 3, uncalibrated=False, json=True, clock=clock)
@@ -167,7 +167,7 @@ def test_where_watch_period_uses_the_given_clock(capsys):
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
-def test_where_watch_shows_joints_between_their_limits(run_cli):
+def test_where_watch_shows_joint_positions_between_limits(run_cli):
     result = run_cli(f"where --watch --count 1 {SIM}")
     assert "shoulder_pan       0.0°  -110.0°  ├" in result.out
     assert "temperature" not in result.out
@@ -178,11 +178,11 @@ def test_where_watch_shows_joints_between_their_limits(run_cli):
     ("position", "drawn"),
     [(-1.0, "├●────────┤"), (0.0, "├────●────┤"), (1.0, "├────────●┤"), (9.0, "├────────●┤")],
 )
-def test_position_bar_shows_where_a_joint_is(position, drawn):
+def test_position_bar_shows_joint_position_within_limits(position, drawn):
     assert position_bar(position, -1.0, 1.0, 9) == drawn
 
 
-def test_position_bar_without_limits_marks_the_middle():
+def test_position_bar_without_limits_marks_middle():
     assert position_bar(3.0, -float("inf"), float("inf"), 9) == "├────●────┤"
 
 
@@ -213,11 +213,11 @@ def test_misspelled_command_suggests_the_closest(run_cli):
         ("", ""),
     ],
 )
-def test_command_hint_includes_arm_and_port(hint, whole):
+def test_suggested_command_includes_arm_and_port(hint, whole):
     assert with_connection_options(hint, ["move", "1", "2", "3", "--arm", "a", "--port=p"]) == whole
 
 
-def test_hint_for_unreachable_point_is_a_working_command(run_cli):
+def test_unreachable_point_hint_is_working_command(run_cli):
     result = run_cli(f"move 0.9 0 0.1 {SIM}")
     words = result.err.strip().rpartition("Try: ikservo ")[2]
     assert words.endswith("--arm so101 --port 'sim:?pose=home'")
@@ -238,13 +238,13 @@ def test_shell_completion_offers_arms_and_poses(run_cli, monkeypatch):
 
 
 @pytest.mark.parametrize("nothing", [-0.0, -1e-9, -0.0004])
-def test_printed_numbers_are_never_minus_zero(nothing):
+def test_command_output_never_contains_minus_zero(nothing):
     assert format_point((nothing, 0.0, 0.0)) == "(0.000, 0.000, 0.000) m"
     assert ikservo.load_model("so101").joint("gripper").joint_map.format(nothing) == "0.0°"
     assert "-0.000" not in str(UnreachableError((nothing, 0, 0), (0, nothing, 0)))
 
 
-def test_jog_runs_while_the_space_bar_is_held(run_cli, monkeypatch):
+def test_jog_command_moves_while_space_bar_is_held(run_cli, monkeypatch):
     from contextlib import contextmanager
 
     pressed = iter(["", " ", *[" ", "", ""] * 20])
@@ -262,7 +262,7 @@ def test_jog_runs_while_the_space_bar_is_held(run_cli, monkeypatch):
     assert "Hold the space bar" in result.err
 
 
-def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeypatch):
+def test_teach_float_saves_pose_and_holds_at_enter_key(run_cli, monkeypatch):
     from contextlib import contextmanager
 
     pressed = iter([*[""] * 300, "\n"])
@@ -283,13 +283,13 @@ def test_teach_float_saves_pose_and_holds_when_enter_is_pressed(run_cli, monkeyp
     assert set(there) == set(where)
 
 
-def test_teach_float_ends_after_a_time_without_a_terminal(run_cli):
+def test_teach_float_ends_after_given_time_without_terminal(run_cli):
     result = run_cli(f"teach cup --float --for 1.5s {SIM} --json")
     assert result.code == 0, result.err
     assert "carry the arm's weight for 1.5 s" in result.err
 
 
-def test_record_announces_itself_once_its_file_exists(run_cli, tmp_path, monkeypatch):
+def test_record_command_prints_start_only_after_file_exists(run_cli, tmp_path, monkeypatch):
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     path = tmp_path / "wave.jsonl"
     messages = []
@@ -304,18 +304,18 @@ def test_record_announces_itself_once_its_file_exists(run_cli, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(("celsius", "colour"), [(39.9, ""), (40.0, "yellow"), (45.0, "red")])
-def test_where_colours_temperature_by_limits_of_the_arm(celsius, colour):
+def test_where_command_colours_temperature_by_arm_limits(celsius, colour):
     limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
     assert heat_colour(celsius, limits) == colour
 
 
 @pytest.mark.parametrize(("position_rad", "colour"), [(1.1, "red"), (0.95, "yellow"), (0.85, "")])
-def test_where_colours_joint_near_and_beyond_its_limit(position_rad, colour):
+def test_where_command_colours_joint_near_and_beyond_limit(position_rad, colour):
     state = JointState("wrist", position_rad, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     assert limit_colour(state, "rad") == colour
 
 
-def test_teach_announces_its_steps_before_it_waits(run_cli, monkeypatch, tmp_path):
+def test_teach_command_prints_instructions_before_waiting(run_cli, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.apps.teaching.teach_command.wait_for_enter", lambda _: None)

@@ -9,7 +9,7 @@ import pytest
 P2 = "workspace --arm planar2 --slice top --cell 20mm"
 
 
-def test_workspace_slice_is_reported_in_cells_and_m2(run_cli):
+def test_workspace_slice_reports_cells_and_area_in_m2(run_cli):
     lines = run_cli(P2).out.splitlines()
     assert lines[0] == "Two servos in a plane, top: the plane at a height of 0.050 m"
     assert "cells of 20 mm" in lines[1]
@@ -17,7 +17,7 @@ def test_workspace_slice_is_reported_in_cells_and_m2(run_cli):
     assert lines[2].startswith("x  -0.")
 
 
-def test_workspace_slice_json_has_numbers_and_outline(run_cli):
+def test_workspace_slice_json_has_area_and_outline(run_cli):
     answer = run_cli(f"{P2} --json").json
     assert answer["schema"] == "ikservo/workspace/1"
     assert answer["slice"] == "top"
@@ -73,7 +73,7 @@ def test_workspace_point_inside_has_distance_zero(run_cli):
     assert answer["distance_m"] == 0.0
 
 
-def test_workspace_answers_point_and_slice_together(run_cli):
+def test_workspace_reports_point_and_slice_together(run_cli):
     answer = run_cli(f"{P2} --point 0.2 0.1 0.05 --json").json
     assert answer["inside"] is True
     assert answer["slice"] == "top"
@@ -90,14 +90,14 @@ def test_workspace_plot_is_an_svg_with_arm_title(run_cli, tmp_path, words):
     assert "Two servos in a plane" in file.read_text()
 
 
-def test_workspace_plot_may_be_a_png(run_cli, tmp_path):
+def test_workspace_plot_can_be_written_as_png(run_cli, tmp_path):
     pytest.importorskip("matplotlib")
     file = tmp_path / "reach.png"
     assert run_cli(f"{P2} --plot {file} --point 0.5 0 0.05").code == 7
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
-def test_workspace_plot_without_matplotlib_names_the_extra(run_cli, tmp_path, monkeypatch):
+def test_workspace_plot_without_matplotlib_says_what_to_install(run_cli, tmp_path, monkeypatch):
     for name in ("matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, name, None)
     result = run_cli(f"{P2} --plot {tmp_path}/reach.svg")
@@ -121,7 +121,7 @@ def test_workspace_plot_without_matplotlib_names_the_extra(run_cli, tmp_path, mo
         ("--point 0.1 0.2", "--point"),
     ],
 )
-def test_workspace_refuses_bad_options_in_one_message(run_cli, words, message):
+def test_workspace_refuses_invalid_options_with_one_message(run_cli, words, message):
     result = run_cli(f"workspace --arm planar2 {words}")
     assert result.code == 2
     assert message in result.err
@@ -129,7 +129,7 @@ def test_workspace_refuses_bad_options_in_one_message(run_cli, words, message):
     assert "Traceback" not in result.err
 
 
-def test_workspace_plot_refuses_missing_folder_before_any_work(run_cli, tmp_path):
+def test_workspace_plot_refuses_missing_folder_at_once(run_cli, tmp_path):
     pytest.importorskip("matplotlib")
     result = run_cli(f"{P2} --plot {tmp_path}/nowhere/reach.svg")
     assert result.code == 2
@@ -137,7 +137,7 @@ def test_workspace_plot_refuses_missing_folder_before_any_work(run_cli, tmp_path
     assert result.out == ""
 
 
-def test_workspace_without_an_arm_lists_the_arms(run_cli):
+def test_workspace_command_without_arm_lists_arms(run_cli):
     result = run_cli("workspace --slice top")
     assert result.code == 2
     assert "so101" in result.err

@@ -92,7 +92,7 @@ def lowest_m(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, float]:
     return heights
 
 
-def test_sixteen_arms_are_shipped():
+def test_sixteen_arm_models_are_shipped():
     assert len(ARMS) == 16
 
 
@@ -117,7 +117,7 @@ def test_arm_file_lists_every_driven_joint_from_base_to_tip(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_arm_file_role_gripper_belongs_to_joint_gripper_only(arm):
+def test_only_joint_named_gripper_has_gripper_role(arm):
     for joint in read(arm)["joints"]:
         assert (joint["role"] == "gripper") == (joint["name"] == "gripper")
 
@@ -151,21 +151,21 @@ def test_arm_file_limits_lie_inside_the_servo_position_limits(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_shadow_servo_has_id_of_its_leader_as_secondary_id(arm):
+def test_second_servo_of_joint_has_first_id_as_secondary_id(arm):
     for joint in read(arm)["joints"]:
         for shadow in joint.get("shadows", []):
             assert shadow["eeprom"]["secondary_id"] == joint["servo"]["id"]
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_shadow_servo_turns_opposite_to_its_leader(arm):
+def test_second_servo_of_joint_turns_opposite_to_first(arm):
     for joint in read(arm)["joints"]:
         for shadow in joint.get("shadows", []):
             reversed_ = [s["eeprom"]["drive_mode"] & 1 for s in (joint["servo"], shadow)]
             assert sorted(reversed_) == [0, 1]
 
 
-def test_only_six_interbotix_arms_have_shadow_servos():
+def test_only_six_interbotix_arms_have_two_servos_on_a_joint():
     shadows = {arm: sum(len(j.get("shadows", [])) for j in read(arm)["joints"]) for arm in ARMS}
     assert {arm: n for arm, n in shadows.items() if n} == {
         "px150": 2, "rx200": 1, "vx250": 1, "vx300s": 2, "wx200": 1, "wx250s": 2,
@@ -173,7 +173,7 @@ def test_only_six_interbotix_arms_have_shadow_servos():
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_arm_file_speeds_rise_from_slow_to_fast(arm):
+def test_arm_file_speeds_increase_from_slow_to_fast(arm):
     speeds = [read(arm)["speeds"][name] for name in ("slow", "normal", "fast")]
     for slower, faster in pairwise(speeds):
         assert all(slower[key] < faster[key] for key in ("deg_s", "deg_s2", "deg_s3"))
@@ -187,7 +187,7 @@ def test_fast_speed_is_below_70_percent_of_slowest_joint_limit(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_arm_file_pose_names_every_joint_in_its_unit(arm):
+def test_arm_file_pose_gives_every_joint_in_its_unit(arm):
     turning = [name for name in limits(arm) if name in turns(arm)]
     sliding = [name for name in limits(arm) if name not in turning]
     for pose in POSES:
@@ -205,7 +205,7 @@ def test_arm_file_pose_lies_inside_the_limits(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_zero_pose_is_zero_clipped_into_the_limits(arm):
+def test_zero_pose_is_zero_clipped_to_joint_limits(arm):
     for name, position in positions(arm, "zero").items():
         assert position == np.clip(0.0, *limits(arm)[name]), name
 
@@ -218,7 +218,7 @@ def test_named_pose_has_no_link_below_the_table(arm):
 
 
 @pytest.mark.parametrize("arm", [arm for arm in ARMS if not arm.startswith("planar")])
-def test_rest_pose_has_its_tool_low_above_the_table(arm):
+def test_rest_pose_holds_tool_low_above_table(arm):
     tip_m = posed(arm, "rest")[1].body(read(arm)["tip"]).xpos[2]
     highest_m = posed(arm, "zero")[1].body(read(arm)["tip"]).xpos[2]
     assert 0.0 <= tip_m < 0.5 * highest_m

@@ -34,7 +34,7 @@ def test_base_frame_x_points_where_the_arm_points(name, pose):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_base_frame_is_conventional_unless_arm_file_explains(name):
+def test_base_frame_is_conventional_unless_arm_file_says_so(name):
     model = load_model(name)
     x_m, y_m, _ = first_axis(model)[0]
     conventional = max(abs(x_m), abs(y_m), abs(model.floor_m or 0.0)) < 1e-6
@@ -42,7 +42,7 @@ def test_base_frame_is_conventional_unless_arm_file_explains(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_base_frame_text_names_the_offset_of_the_model(name):
+def test_base_frame_text_states_offset_of_model_origin(name):
     model = load_model(name)
     for offset_m in (first_axis(model)[0][0], model.floor_m or 0.0):
         if abs(offset_m) > 1e-6:

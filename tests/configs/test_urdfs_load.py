@@ -160,7 +160,7 @@ def inertia_tool():
     return module
 
 
-def test_sixteen_arms_are_shipped():
+def test_sixteen_arm_models_are_shipped():
     assert set(ARMS) == set(CHAINS) | set(TIPS_M)
 
 
@@ -193,7 +193,7 @@ def test_mujoco_tip_at_zero_matches_the_source_of_the_urdf(arm):
     assert tip_m == pytest.approx(expected_tip_m(arm), abs=1e-9)
 
 
-def test_so101_tip_at_zero_is_the_published_one():
+def test_so101_tip_at_zero_matches_published_position():
     assert expected_tip_m("so101") == pytest.approx((0.39136, 0.0, 0.22647), abs=1e-5)
 
 
@@ -227,12 +227,12 @@ def test_urdf_mass_of_the_arm_is_plausible(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_urdf_inertias_match_the_inertia_tool(arm):
+def test_urdf_inertias_equal_output_of_inertia_tool(arm):
     text = (CONFIGS / arm / "arm.urdf").read_text()
     assert inertia_tool().rewritten(text) == text
 
 
-def test_inertia_tool_weighs_a_servo_and_its_beam():
+def test_inertia_tool_sums_mass_of_servo_and_beam():
     link = ET.fromstring("""
         <link name="arm">
           <inertial><mass value="0.155"/></inertial>

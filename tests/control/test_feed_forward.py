@@ -54,7 +54,7 @@ def test_feed_forward_adds_lag_of_back_emf_and_delay(feed_forward, parameters):
     assert turned == pytest.approx(lag + drive.delay_s, rel=0.01)
 
 
-def test_feed_forward_of_held_goal_adds_half_its_hold_time(feed_forward):
+def test_feed_forward_adds_half_of_goal_hold_time(feed_forward):
     briefly, long = (
         offsets(feed_forward, moving(velocity=1.0), held_s=held_s)[LIFT] for held_s in (0.0, 0.01)
     )
@@ -69,7 +69,7 @@ def test_feed_forward_leads_by_friction_along_the_motion(feed_forward, parameter
 
 
 @pytest.mark.parametrize("square_per_nm", [0.0, 0.03])
-def test_feed_forward_friction_includes_its_own_gear_load(parameters, square_per_nm):
+def test_feed_forward_friction_includes_gear_load(parameters, square_per_nm):
     drive = replace(parameters.drives[LIFT], startup_nm=0.0, armature_kg_m2=0.0)
     drive = replace(drive, friction=replace(drive.friction, square_per_nm=square_per_nm))
     drives = tuple(drive if i == LIFT else each for i, each in enumerate(parameters.drives))

@@ -40,7 +40,7 @@ def goals_of(compensator, start, velocity, seconds):
     return np.array([compensator.goals(gliding(start, velocity, t), CYCLE_S) for t in times_s])
 
 
-def test_compensated_first_goal_continues_the_goal_in_force(compensator, start):
+def test_compensated_first_goal_continues_previous_goal(compensator, start):
     compensator.begin(start, start + 0.02)
     first = compensator.goals(gliding(start, 0.0, 0.0), CYCLE_S)
     np.testing.assert_allclose(first[:5], start[:5] + 0.02, atol=1e-3)
@@ -52,13 +52,13 @@ def test_compensated_goals_do_not_jump_at_start_of_motion(compensator, start):
     assert np.abs(np.diff(goals, axis=0)).max() < 0.006  # 4 ticks
 
 
-def test_resting_joint_keeps_goal_offset_within_friction(compensator, start):
+def test_compensation_keeps_goal_offset_within_friction_at_rest(compensator, start):
     compensator.begin(start, start + 0.004)
     goals = goals_of(compensator, start, 0.0, 1.0)
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
 
 
-def test_compensation_after_a_stall_has_the_same_lead(compensator, start):
+def test_compensation_has_same_lead_after_control_loop_stall(compensator, start):
     leads = []
     for cycle_time_s in (0.02, None):  # a goal is held for two hundredths of a second
         compensator.begin(start, start, cycle_time_s)
@@ -67,7 +67,7 @@ def test_compensation_after_a_stall_has_the_same_lead(compensator, start):
     assert leads[1] == pytest.approx(leads[0])
 
 
-def test_joint_sagged_at_torque_on_gets_less_than_half_the_lead(compensator, start):
+def test_joint_sagged_at_torque_on_gets_under_half_of_lead(compensator, start):
     lift = -np.eye(6)[2]
     leads = []
     for measured in (start, start - 0.05 * lift):
@@ -80,7 +80,7 @@ def test_joint_sagged_at_torque_on_gets_less_than_half_the_lead(compensator, sta
     assert 0.0 < sagged < 0.5 * upright
 
 
-def test_compensation_offset_waits_for_a_lagging_joint(compensator, start):
+def test_compensation_offset_is_kept_while_joint_lags(compensator, start):
     compensator.begin(start, start + 0.02)
     ease = np.where(np.arange(6) == 1, 0.0, 1.0)
     for _t in np.arange(0.0, 0.2, CYCLE_S):
@@ -112,7 +112,7 @@ def test_compensation_of_lagging_joint_grows_up_to_a_bound(compensator, start):
     assert leads[-1] - leads[40] < 0.12
 
 
-def test_load_learned_while_sinking_is_used_when_lifted(arm):
+def test_load_learned_while_lowering_is_used_for_lifting(arm):
     # gears under load have more friction: what holds a load as it sinks is too little to lift it
     compensator = arm._context.servos.compensator
     low, high = arm._context.limits()
@@ -126,7 +126,7 @@ def test_load_learned_while_sinking_is_used_when_lifted(arm):
     assert lifted > 0.02 > lowered > 0.0
 
 
-def test_learned_load_moves_stuck_goals_by_at_most_its_bound(arm):
+def test_learned_load_shifts_goal_of_stuck_joint_within_bound(arm):
     compensator = arm._context.servos.compensator
     low, high = arm._context.limits()
     leaning = np.where(np.arange(6) == 1, 0.5, 0.5 * (low + high))
@@ -138,7 +138,7 @@ def test_learned_load_moves_stuck_goals_by_at_most_its_bound(arm):
         assert max(moved) == pytest.approx(0.08, abs=0.0015)
 
 
-def test_learned_load_keeps_its_sign_while_goals_are_cut(compensator, start):
+def test_learned_load_keeps_its_sign_while_goals_are_limited(compensator, start):
     compensator.begin(start, start)
     compensator.goals(gliding(start, 0.1, 0.0), CYCLE_S)
     compensator._feedback.integral = -0.001 * np.eye(6)[0]
@@ -147,7 +147,7 @@ def test_learned_load_keeps_its_sign_while_goals_are_cut(compensator, start):
     assert compensator._feedback.integral[0] == 0.0
 
 
-def test_compensation_does_not_wind_up_while_goals_are_cut(compensator, start):
+def test_compensation_does_not_wind_up_while_goals_are_limited(compensator, start):
     compensator.begin(start, start)
     point = gliding(start, 0.1, 0.0)
     compensator.goals(point, CYCLE_S)

@@ -63,7 +63,7 @@ def test_preload_does_not_wait_for_joint_pressed_by_its_goal(arm):
     assert len(preload(compensator, start, -ways(PAN), goals=goals)) > 1
 
 
-def test_preload_ends_when_the_joint_is_pushed(arm):
+def test_preload_ends_when_joint_starts_to_move(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
 
     def measured_at(cycle):
@@ -72,7 +72,7 @@ def test_preload_ends_when_the_joint_is_pushed(arm):
     assert len(preload(compensator, start, ways(PAN), measured_at)) == 11
 
 
-def test_preload_push_is_not_learned_as_friction(arm):
+def test_preload_is_not_learned_as_friction(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     preload(compensator, start, ways(PAN))
     friction = []
@@ -97,7 +97,7 @@ def test_stop_during_preload_prevents_the_motion(arm):
     assert abs(arm.where().positions["shoulder_pan"] - before) < 4 * TICK_RAD
 
 
-def test_load_is_not_learned_from_lagging_joint_during_preload(arm):
+def test_preload_does_not_learn_load_from_lagging_joint(arm):
     compensator, start = arm._context.servos.compensator, arm._context.servos.reference()
     compensator.begin(start, start, CYCLE_S)
     while not compensator.preload(ways(PAN), start, CYCLE_S):

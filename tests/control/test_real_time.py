@@ -71,7 +71,7 @@ def test_control_loop_runs_without_real_time_permission(limit, monkeypatch):
         assert policy() == os.SCHED_OTHER
 
 
-def test_garbage_collector_freeze_is_restored_after_the_loop():
+def test_garbage_collector_is_unfrozen_after_control_loop():
     gc.unfreeze()  # the suite's own objects
     try:
         with steady_timing(RealClock()):
@@ -84,7 +84,7 @@ def test_garbage_collector_freeze_is_restored_after_the_loop():
     assert gc.get_freeze_count() > 0  # what a program has frozen itself stays so
 
 
-def test_every_control_cycle_runs_with_steady_timing(limit, monkeypatch):
+def test_control_loop_uses_steady_timing_mode_in_every_cycle(limit, monkeypatch):
     limit(7)
     clocks, inside = [], []
 

@@ -27,7 +27,7 @@ def test_reversal_counter_ignores_small_reversals():
     assert counted(4.0, 0.004).count[0] == 0
 
 
-def test_reversal_counter_does_not_add_up_slow_reversals():
+def test_reversal_counter_ignores_slow_reversals():
     assert counted(0.5, 0.02, seconds=8.0).count[0] == 1
 
 

@@ -49,7 +49,7 @@ def test_feedback_brakes_before_the_error_changes_sign(feedback):
     assert offsets[-1] < 0.0
 
 
-def test_feedback_rate_is_right_if_every_other_reply_is_lost(feedback):
+def test_feedback_rate_is_right_with_every_other_reply_lost(feedback):
     whole, cycles = make_feedback(), np.arange(40)
     errors = 0.05 * CYCLE_S * cycles
     fed(whole, errors)
@@ -64,7 +64,7 @@ def test_feedback_does_not_jump_when_replies_return(feedback):
     assert np.abs(np.diff(offsets)).max() < 5 * TICK_RAD
 
 
-def test_feedback_rate_term_fades_without_replies(feedback):
+def test_feedback_rate_term_decays_without_replies(feedback):
     fed(feedback, np.linspace(0.0, 0.01, 20))
     integral = feedback.integral.copy()
     fed(feedback, [0.01] * 40, replies=False)
@@ -79,7 +79,7 @@ def test_feedback_counts_only_error_beyond_its_dead_band(feedback):
     assert feedback.fast == pytest.approx(0.5 * 0.001)
 
 
-def test_feedback_does_not_grow_while_goals_are_cut(feedback):
+def test_feedback_does_not_grow_while_goals_are_limited(feedback):
     before = fed(feedback, [0.01] * 10)[-1]
     assert max(fed(feedback, np.linspace(0.01, 0.1, 50), grow=False)) <= before
     assert fed(feedback, [-0.01], grow=False)[0] < before
@@ -93,7 +93,7 @@ def test_feedback_integral_grows_slower_near_maximum_lead(feedback):
     assert slow - feedback.integral[0] == pytest.approx(3.0 * 0.01 * 0.05)
 
 
-def test_feedback_integral_is_kept_until_reset(feedback):
+def test_tracking_feedback_integral_is_kept_until_reset(feedback):
     fed(feedback, [0.01] * 100)
     integral = feedback.integral.copy()
     feedback.begin()
@@ -111,7 +111,7 @@ def moved(feedback, errors, direction):
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_feedback_learns_friction_from_lag_along_the_motion(feedback, direction):
+def test_feedback_learns_friction_from_lag_during_motion(feedback, direction):
     assert moved(feedback, [0.002 * direction] * 100, direction) == pytest.approx(0.002)
     assert moved(feedback, [0.002 * direction] * 100, 0.0) == pytest.approx(0.002)
     feedback.begin()
@@ -137,7 +137,7 @@ def strongest_answer(feedback, errors):
 
 
 @pytest.mark.parametrize("hz", [10.0, 20.0])
-def test_feedback_does_not_drive_fast_swing_and_recovers(feedback, hz):
+def test_feedback_does_not_excite_oscillation_and_recovers(feedback, hz):
     fed(feedback, swing(0.01, hz, 2.0))
     swinging, fresh = strongest_answer(feedback, [0.005] * 20)
     assert swinging < 0.1 * fresh
@@ -149,13 +149,13 @@ def test_feedback_does_not_drive_fast_swing_and_recovers(feedback, hz):
 @pytest.mark.parametrize(
     "errors", [swing(0.003, 10.0, 2.0), swing(0.01, 5.0, 4.0), [0.0, 0.03, 0.0, 0.0], [0.02, -0.02]]
 )
-def test_feedback_stays_strong_after_small_or_slow_swing(feedback, errors):
+def test_feedback_gain_stays_after_small_or_slow_oscillation(feedback, errors):
     fed(feedback, errors)
     answer, fresh = strongest_answer(feedback, [0.005] * 20)
     assert answer == pytest.approx(fresh)
 
 
-def test_feedback_is_softer_for_light_than_for_pressed_joint():
+def test_feedback_gain_is_lower_for_unloaded_joint():
     lag, inertia_s2 = [0.01] * 200, np.array([0.8 / 18.0**2])
     stiffness, braking = [], []
     for pressed in (0.0, 1.0):
@@ -170,7 +170,7 @@ def test_feedback_is_softer_for_light_than_for_pressed_joint():
     assert braking == pytest.approx([28 * inertia_s2[0], 40 * inertia_s2[0]], rel=0.1)
 
 
-def test_feedback_of_unknown_inertia_only_brakes():
+def test_feedback_with_unknown_inertia_only_brakes():
     feedback = TrackingFeedback(np.ones(1))
     fed(feedback, [0.01] * 200)
     assert feedback.fast == pytest.approx(0.0, abs=1e-6)
@@ -212,9 +212,7 @@ def error_rad(motor, p_gain, feedback=None):
 )
 @pytest.mark.parametrize("output_nm", [0.002, 0.02])
 @pytest.mark.parametrize("inertia_kg_m2", [0.005, 0.05])
-def test_feedback_adds_at_most_25_percent_to_backlash_swing(
-    model, p_gain, output_nm, inertia_kg_m2
-):
+def test_feedback_adds_at_most_25_percent_to_oscillation(model, p_gain, output_nm, inertia_kg_m2):
     parameters = replace(PARAMETERS[model], output_friction_nm=output_nm)
     stiffness = p_gain * parameters.duty_torque_nm
     alone, together = [], []

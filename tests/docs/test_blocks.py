@@ -85,7 +85,7 @@ PAGES_WITH_CODE = sorted({block.page for block in BLOCKS if block.language != "t
 
 @pytest.mark.timeout(600)  # the longest page is many motions, seconds of a core each
 @pytest.mark.parametrize("page", PAGES_WITH_CODE)
-def test_every_code_block_of_a_page_runs_in_order(page, folder, monkeypatch):
+def test_documentation_code_blocks_run_in_order(page, folder, monkeypatch):
     names = {}
     for block in blocks(ROOT / page):
         if block.language == "python":
@@ -100,7 +100,7 @@ NOTEBOOKS = sorted((ROOT / "docs").rglob("*.ipynb"))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
-def test_notebook_cells_run_in_order(path, folder, monkeypatch):
+def test_documentation_notebook_cells_run_in_order(path, folder, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "Agg")
     cells, names = json.loads(path.read_text("utf-8"))["cells"], {}
     for number, cell in enumerate(cells):
@@ -109,7 +109,7 @@ def test_notebook_cells_run_in_order(path, folder, monkeypatch):
             exec(compile("".join(cell["source"]), f"{path.name}, cell {number}", "exec"), names)
 
 
-def test_code_blocks_have_language_and_do_not_hide_commands():
+def test_documentation_code_blocks_have_language():
     for block in BLOCKS:
         assert block.language in LANGUAGES, f"{block}: {block.language!r}"
         hidden = [line for line in block.text.splitlines() if COMMAND.match(line)]
@@ -128,7 +128,7 @@ def require_command(block, words):
         pytest.fail(f"{block}: {words}: {error}")
 
 
-def test_documented_commands_that_cannot_run_have_valid_options():
+def test_unrunnable_documented_commands_have_valid_options():
     for block in BLOCKS:
         for words, _ in block.commands if block.reason else ():
             program, args, _ = split(words)
@@ -136,7 +136,7 @@ def test_documented_commands_that_cannot_run_have_valid_options():
                 require_command(block, args)
 
 
-def test_page_links_lead_to_existing_files():
+def test_documentation_links_lead_to_existing_files():
     missing = [
         f"{page.relative_to(ROOT)}: {link}"
         for page in PAGES
@@ -147,7 +147,7 @@ def test_page_links_lead_to_existing_files():
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_modules_and_tests_named_in_pages_exist(page):
+def test_modules_and_tests_named_in_documentation_exist(page):
     folders = ("ikservo", "sim", "tests", "tools", "examples", "integrations", "docs")
     files = [file.as_posix() for each in folders for file in (ROOT / each).rglob("*.py")]
     named = re.findall(r"`([\w./-]+\.py)`", page.read_text("utf-8"))

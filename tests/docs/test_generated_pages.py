@@ -80,7 +80,7 @@ def test_page_protocol_describes_every_message_sent(pages):
     assert len(sent) > 10
 
 
-def test_error_page_contains_a_message_that_a_command_prints(pages, capsys):
+def test_error_page_contains_message_printed_by_a_command(pages, capsys):
     main(["gripper", "open", "--arm", "planar2", "--port", "sim"])
     printed = capsys.readouterr().err.splitlines()[-2]
     rows = section(pages["reference/error-messages.md"], "Exit code 1: failed", 2)
@@ -92,7 +92,7 @@ TROUBLE = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize("exit_code", ExitCode, ids=str)
-def test_troubleshooting_lists_every_error_by_its_exit_code(exit_code):
+def test_troubleshooting_page_lists_every_error_by_exit_code(exit_code):
     text = section(TROUBLE, f"Exit code {exit_code.value}: {exit_code.meaning}", 3)
     kinds = [each for each in vars(errors).values() if is_error(each)]
     names = {each.__name__ for each in kinds if each.exit_code is exit_code}
@@ -108,7 +108,7 @@ def test_python_reference_contains_every_public_name():
     assert [name for name in ikservo.__all__ if f"::: ikservo.{name}\n" not in text] == []
 
 
-def test_lecture_explains_every_section_cited_in_the_sources():
+def test_lecture_page_contains_every_section_cited_in_code():
     page = (ROOT / "docs/lecture.md").read_text("utf-8")
     explained = set(re.findall(r"^### (L\d+)\. .* \{#l\d+\}$", page, re.M))
     sources = [*(ROOT / "ikservo").rglob("*.py"), *(ROOT / "tests").rglob("*.py")]

@@ -74,14 +74,14 @@ def test_example_arm_stays_in_its_rest_pose_when_limp(opened):
     indirect=["opened"],
     ids=str,
 )
-def test_example_arm_moves_to_points(opened, point_m):
+def test_example_arm_reaches_several_points(opened, point_m):
     report = opened.move_to(point_m)
     assert report.reached
     assert opened.where().tip_m == pytest.approx(point_m, abs=1e-3)
 
 
 @pytest.mark.parametrize("opened", ["pan_tilt"], indirect=True)
-def test_pan_tilt_arm_looks_at_one_point_after_another(opened):
+def test_pan_tilt_arm_looks_at_several_points_in_turn(opened):
     axis = tool_frame(opened.model).approach_axis
     for point_m in [(1.0, 0.5, -0.2), (0.5, -1.0, 0.4), (0.3, 0.0, 0.0)]:
         assert opened.look_at(point_m).reached
@@ -101,7 +101,7 @@ def test_look_at_point_beyond_limits_moves_nothing(opened):
 
 
 @pytest.mark.parametrize("opened", ["seven_joints"], indirect=True)
-def test_look_at_plan_requested_has_all_goal_joints(opened):
+def test_look_at_plan_contains_goal_of_every_joint(opened):
     plan = opened.plan_look((0.4, 0.1, 0.0))
     assert list(plan.requested) == list(opened.chain.names)
     assert plan.requested == pytest.approx(opened.joint_index.by_name(plan.goal))

@@ -58,7 +58,7 @@ def test_example_runs_and_prints_its_documented_output(run, name, tmp_path):
 
 
 @pytest.mark.campaign
-def test_camera_pick_example_works_from_board_to_lifted_cube(run, monkeypatch, tmp_path):
+def test_camera_pick_example_calibrates_and_lifts_cube(run, monkeypatch, tmp_path):
     pytest.importorskip("cv2")
     ports, open_camera = [], servosim.open_camera
 
@@ -81,7 +81,7 @@ def test_camera_pick_example_works_from_board_to_lifted_cube(run, monkeypatch, t
     assert height_m > 0.06  # the simulator says that it is lifted
 
 
-def test_network_example_drives_an_arm_of_a_server(run, monkeypatch):
+def test_network_example_moves_served_arm(run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S

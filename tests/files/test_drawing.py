@@ -65,7 +65,7 @@ def test_csv_drawing_empty_line_begins_a_new_stroke(tmp_path):
         ("\n".join(f"{i},0" for i in range(20_001)), None, "more than 20000 points"),
     ],
 )
-def test_csv_drawing_with_bad_content_is_refused_with_its_line(tmp_path, text, unit, message):
+def test_invalid_csv_drawing_is_refused_with_line_number(tmp_path, text, unit, message):
     with pytest.raises(InputError, match=message):
         read_drawing(csv(tmp_path, text), unit)
 
@@ -75,7 +75,7 @@ def test_error_names_missing_drawing_file(tmp_path):
         read_drawing(tmp_path / "nowhere.csv")
 
 
-def test_svg_drawing_keeps_its_size_right_and_top(tmp_path):
+def test_svg_drawing_keeps_size_and_axis_directions(tmp_path):
     # 200 by 100 units are 100 by 50 mm: a line right, then up, as the reader of the page sees it
     (stroke,) = read_drawing(svg(tmp_path, '<path d="M 20,80 h 40 v -60"/>')).strokes_m
     expected = [[0.0, 0.0, 0.0], [0.0, -0.02, 0.0], [0.03, -0.02, 0.0]]
@@ -101,7 +101,7 @@ def test_svg_path_move_begins_a_new_stroke(tmp_path):
     assert len(drawing.strokes_m) == 3
 
 
-def test_svg_text_is_not_drawn_and_reported(tmp_path):
+def test_svg_text_is_skipped_and_reported(tmp_path):
     drawing = read_drawing(svg(tmp_path, '<path d="M0,0 h5"/><text>hi</text>'))
     assert drawing.ignored == ("text, which must be converted to paths first",)
 
@@ -131,7 +131,7 @@ def test_svg_drawing_refuses_a_unit(tmp_path):
         read_drawing(svg(tmp_path, '<path d="M0,0 h5"/>'), "mm")
 
 
-def test_svg_drawing_without_svgelements_names_the_extra(tmp_path, monkeypatch):
+def test_svg_drawing_without_svgelements_says_what_to_install(tmp_path, monkeypatch):
     real = builtins.__import__
 
     def refuse(name, *args, **kwargs):
@@ -149,7 +149,7 @@ def corner():
     return Drawing((np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.04, 0.0]]),))
 
 
-def test_drawing_is_scaled_to_a_width_and_placed():
+def test_drawing_is_scaled_to_given_width_and_placed():
     drawing = corner().with_width(0.05)
     np.testing.assert_allclose(drawing.size_m, (0.05, 0.02))
     (stroke,) = drawing.placed((0.2, 0.1, 0.3), math.pi / 2).strokes_m
@@ -169,7 +169,7 @@ def test_single_point_drawing_refuses_a_width():
         Drawing((np.zeros((1, 3)),)).with_width(0.1)
 
 
-def test_simplified_drawing_keeps_corners_and_its_shape():
+def test_simplified_drawing_keeps_corners_and_shape():
     angles = np.linspace(0.0, math.pi, 2000)
     arc = 0.03 * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
     across = np.linspace(arc[-1], (0.0, -0.05, 0.0), 500)

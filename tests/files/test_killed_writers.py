@@ -73,7 +73,7 @@ def kill_writers(path, what, check):
     return printed
 
 
-def test_file_written_by_killed_writers_is_never_torn(tmp_path):
+def test_file_written_by_killed_processes_is_never_partial(tmp_path):
     path = tmp_path / "file"
     write_atomic(path, "first\n")
 
@@ -85,12 +85,12 @@ def test_file_written_by_killed_writers_is_never_torn(tmp_path):
     kill_writers(path, "any file", check)
 
 
-def test_camera_file_of_killed_writers_can_be_read(tmp_path, monkeypatch):
+def test_camera_file_written_by_killed_processes_is_readable(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     kill_writers(tmp_path, "camera", lambda: load_camera("so101", SIMULATED, "cam"))
 
 
-def test_health_records_of_killed_writers_are_all_kept(tmp_path):
+def test_health_records_survive_killed_writer_processes(tmp_path):
     path = tmp_path / "health" / "so101.jsonl"
     printed = kill_writers(path, "record", lambda: read_records(path))
     done = sum(len(each.split()) for each in printed) - sum("writes" in each for each in printed)

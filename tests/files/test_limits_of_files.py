@@ -49,7 +49,7 @@ DRAWINGS = {
 
 
 @pytest.mark.parametrize("name", DRAWINGS)
-def test_excessive_svg_is_refused_before_it_is_parsed(name, tmp_path, monkeypatch):
+def test_oversized_svg_is_refused_before_it_is_parsed(name, tmp_path, monkeypatch):
     svgelements = pytest.importorskip("svgelements")
     monkeypatch.setattr(svgelements.SVG, "parse", lambda *_, **__: pytest.fail("it was read"))
     body, words = DRAWINGS[name]
@@ -58,7 +58,7 @@ def test_excessive_svg_is_refused_before_it_is_parsed(name, tmp_path, monkeypatc
         read_drawing(tmp_path / "a.svg")
 
 
-def test_svg_curves_are_counted_before_they_are_sampled(tmp_path, monkeypatch):
+def test_svg_with_too_many_curves_is_refused_before_sampling(tmp_path, monkeypatch):
     pytest.importorskip("svgelements")
     monkeypatch.setattr("ikservo.files.drawing._sample_segments", lambda _: pytest.fail("sampled"))
     (tmp_path / "a.svg").write_text(SVG.replace("{}", f'<path d="M0 0{"t1 1" * 400}"/>'))
@@ -66,7 +66,7 @@ def test_svg_curves_are_counted_before_they_are_sampled(tmp_path, monkeypatch):
         read_drawing(tmp_path / "a.svg")
 
 
-def test_csv_is_not_read_beyond_its_point_limit(tmp_path):
+def test_csv_drawing_is_not_read_beyond_point_limit(tmp_path):
     (tmp_path / "a.csv").write_text("1,2\n" * 20_001 + "not read\n")
     with pytest.raises(FileFormatError, match="more than 20000 points"):
         read_drawing(tmp_path / "a.csv")
@@ -89,7 +89,7 @@ def mcap_file(path, *chunks):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_mcap_chunk_is_inflated_at_most_to_its_stated_size(compression, tmp_path):
+def test_mcap_chunk_is_decompressed_only_to_its_stated_size(compression, tmp_path):
     if compression == "zstd":
         packed = pytest.importorskip("zstandard").compress(bytes(50_000_000))
     else:
@@ -131,7 +131,9 @@ def test_recording_with_101_joints_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("rows", "width"), [(MAX_FRAMES + 1, 1), (10, 100_000)])
-def test_data_set_frames_are_counted_before_they_are_read(rows, width, tmp_path, monkeypatch):
+def test_data_set_with_too_many_frames_is_refused_before_reading(
+    rows, width, tmp_path, monkeypatch
+):
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     values = pa.array(np.zeros(rows * width, dtype=np.float32))
     table = pa.table({
@@ -212,7 +214,7 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_collada_instances_are_counted_before_they_are_built(name, tmp_path, monkeypatch):
+def test_collada_with_too_many_instances_is_refused_early(name, tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "_load_mesh", lambda *_: pytest.fail("it was read"))
     parts, words = SCENES[name]
     with pytest.raises(FileFormatError, match=words):
@@ -237,7 +239,7 @@ def sphere(triangles):
 
 
 @pytest.mark.full
-def test_capsules_contain_every_corner_of_a_large_mesh():
+def test_fitted_capsules_contain_every_vertex_of_large_mesh():
     triangles = sphere(MAX_TRIANGLES // 3)
     fit = fit_capsules(triangles)
     inside = [capsule.depth_m(triangles.reshape(-1, 3)) for capsule in fit.capsules]
@@ -282,7 +284,7 @@ def test_mcap_recording_needs_memory_below_5_times_its_size(tmp_path):
         tracemalloc.stop()
 
 
-def test_mcap_joints_are_counted_over_all_messages(tmp_path):
+def test_mcap_joint_limit_applies_to_all_messages_together(tmp_path):
     path = joint_states(tmp_path / "a.mcap", [[f"j{i}"] for i in range(101)])
     with pytest.raises(FileFormatError, match="at most 100 joints"):
         read_recording(path)
@@ -322,7 +324,7 @@ def test_simulator_file_that_is_a_pipe_is_refused_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_mesh_triangles_are_counted_before_it_is_read(name, tmp_path, monkeypatch):
+def test_mesh_with_too_many_triangles_is_refused_before_reading(name, tmp_path, monkeypatch):
     monkeypatch.setattr(meshes, "_load_mesh", lambda *_: pytest.fail("it was read"))
     with pytest.raises(FileFormatError, match="triangles"):
         read_triangles(tmp_path / name, MESHES[name], "base")
@@ -347,7 +349,7 @@ MULTIPLIED = {
 
 
 @pytest.mark.parametrize("name", MULTIPLIED)
-def test_excessive_mjcf_is_refused_before_it_is_compiled(name, tmp_path):
+def test_oversized_mjcf_is_refused_before_it_is_compiled(name, tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(f"<mujoco>{MULTIPLIED[name]}</mujoco>")
     with pytest.raises(ikservo.IkservoError, match=r"cannot be used|has (width|nuser_geom)="):

@@ -18,7 +18,7 @@ def refusal(path: Path) -> str:
     return caught.value.found
 
 
-def test_missing_file_is_refused(tmp_path: Path) -> None:
+def test_reading_missing_file_is_refused(tmp_path: Path) -> None:
     assert refusal(tmp_path / "nowhere.urdf") == "does not exist"
 
 

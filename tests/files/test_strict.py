@@ -18,13 +18,13 @@ GOOD = {"name": "a", "size": 1.5}
 @pytest.mark.parametrize(
     "change", [{"more": 1}, {"size": "1.5"}, {"size": float("nan")}, {"size": float("inf")}]
 )
-def test_strict_table_refuses_unknown_keys_types_and_nan(change):
+def test_strict_schema_refuses_unknown_keys_types_and_nan(change):
     assert Row.model_validate(GOOD).size == 1.5
     with pytest.raises(ValidationError):
         Row.model_validate(GOOD | change)
 
 
-def test_strict_table_is_immutable():
+def test_strict_schema_object_is_immutable():
     with pytest.raises(ValidationError):
         Row.model_validate(GOOD).size = 2.0
 
@@ -45,5 +45,5 @@ def test_json_with_duplicate_keys_or_nan_is_refused(text, why):
         parse_json(text)
 
 
-def test_valid_json_is_read():
+def test_valid_json_file_is_read():
     assert parse_json(b'{"a": [1, 2.5, null]}') == {"a": [1, 2.5, None]}

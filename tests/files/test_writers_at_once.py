@@ -48,7 +48,7 @@ def at_once(monkeypatch):
     return run
 
 
-def test_two_undos_of_a_calibration_keep_both_versions(at_once, tmp_path):
+def test_simultaneous_calibration_undos_keep_both_versions(at_once, tmp_path):
     path, calibration = tmp_path / "arm.toml", calibration_of(joint())
     earlier = calibration.model_copy(update={"written": datetime(2026, 1, 1, tzinfo=UTC)})
     path.write_text(dump_calibration(calibration))
@@ -58,7 +58,7 @@ def test_two_undos_of_a_calibration_keep_both_versions(at_once, tmp_path):
     assert kept == {calibration.written, earlier.written}
 
 
-def test_two_programs_that_teach_poses_keep_both(at_once, tmp_path, monkeypatch):
+def test_poses_taught_by_two_programs_at_once_are_both_kept(at_once, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     model = load_model("planar2")
     positions = model.pose("home")
@@ -70,7 +70,7 @@ def test_two_programs_that_teach_poses_keep_both(at_once, tmp_path, monkeypatch)
     assert {*PoseLibrary(model, "").user_poses()} == {"cup", "plate"}
 
 
-def test_two_programs_that_remember_adapters_keep_both(at_once, tmp_path, monkeypatch):
+def test_adapters_stored_by_two_programs_at_once_are_kept(at_once, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     remember = port_names.remember_serial_number
     at_once((port_names, "_read_serial_numbers"),
@@ -78,7 +78,7 @@ def test_two_programs_that_remember_adapters_keep_both(at_once, tmp_path, monkey
     assert [port_names.remembered_serial_number(arm) for arm in ("so101", "koch")] == ["A1", "B2"]
 
 
-def test_file_locked_by_another_program_is_reported_in_time(tmp_path, monkeypatch):
+def test_file_locked_by_another_program_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(writing, "_LONGEST_LOCK_S", 0.05)
     path = tmp_path / "arm.toml"
     busy = pytest.raises(FileWriteError, match="another program is changing it")

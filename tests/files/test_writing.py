@@ -31,7 +31,7 @@ def test_write_atomic_creates_missing_parent_folders(tmp_path):
     assert (tmp_path / "a" / "b" / "c.toml").read_text() == NEW
 
 
-def test_old_file_is_kept_as_backup(path):
+def test_atomic_write_keeps_old_file_as_backup(path):
     write_atomic(path, NEW, keep_old=True)
     assert path.read_text() == NEW
     assert path.with_name("so101.toml.bak").read_text() == OLD
@@ -84,7 +84,7 @@ def calls_of_a_save(path, monkeypatch):
     return power.spent
 
 
-def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatch):
+def test_power_cut_at_any_write_call_leaves_old_or_new_file(path, monkeypatch):
     calls = calls_of_a_save(path, monkeypatch)
     assert calls >= 12  # of two files: made, written, synced, closed, renamed; folder synced
     seen = set()
@@ -100,7 +100,7 @@ def test_power_cut_at_every_call_leaves_the_old_or_the_new_file(path, monkeypatc
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.EROFS], ids=errno.errorcode.get)
-def test_disk_error_at_any_call_says_whether_the_file_changed(path, monkeypatch, number):
+def test_disk_error_tells_whether_file_was_changed(path, monkeypatch, number):
     calls = calls_of_a_save(path, monkeypatch)
     for nth in range(1, calls + 1):
         patch_calls(monkeypatch, FailingCall(nth, number))
@@ -115,7 +115,7 @@ def test_disk_error_at_any_call_says_whether_the_file_changed(path, monkeypatch,
 
 @pytest.mark.campaign
 @pytest.mark.timeout(1200)
-def test_10000_random_power_cuts_never_tear_a_file(path, monkeypatch):
+def test_10000_random_power_cuts_leave_no_partial_file(path, monkeypatch):
     chance = random.Random(6)
     calls = calls_of_a_save(path, monkeypatch)
     for _ in range(10_000):
@@ -131,23 +131,23 @@ def test_removing_a_missing_file_is_not_an_error(tmp_path):
     remove_durably(tmp_path / "nothing")
 
 
-def test_remove_durably_deletes_file(path):
+def test_durable_file_removal_deletes_file(path):
     remove_durably(path)
     assert not path.exists()
 
 
-def test_check_writable_refuses_folder_below_a_file(tmp_path):
+def test_writability_check_refuses_folder_below_a_file(tmp_path):
     (tmp_path / "no_folder").write_text("")
     with pytest.raises(FileWriteError):
         check_writable(tmp_path / "no_folder" / "arms")
 
 
-def test_check_writable_does_not_leave_a_file(tmp_path):
+def test_writability_check_leaves_no_file(tmp_path):
     check_writable(tmp_path / "arms")
     assert not list((tmp_path / "arms").iterdir())
 
 
-def test_several_files_are_written_with_their_folders(tmp_path):
+def test_writing_several_files_creates_their_folders(tmp_path):
     files = {tmp_path / "a" / "b": b"1", tmp_path / "c" / "d" / "e": b"2"}
     write_all_atomic(files)
     assert all(path.read_bytes() == data for path, data in files.items())

@@ -34,7 +34,7 @@ def checker_of(name, things):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "every kind of joint"])
-def test_clear_space_agrees_with_distances_of_checker(name):
+def test_free_space_test_agrees_with_collision_distances(name):
     shape = every_kind_of_joint() if name == "every kind of joint" else body(name)
     checker = CollisionChecker(shape, 0.02, [*BOXES, *things_around(4)])
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (400, checker.dof))
@@ -46,7 +46,7 @@ def test_clear_space_agrees_with_distances_of_checker(name):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x"])
-def test_clear_space_keeps_distance_of_sagging_arm(name):
+def test_free_space_test_keeps_distance_of_sagging_arm(name):
     checker = checker_of(name, things_around(5))
     q = np.random.default_rng(2).uniform(-1.5, 1.5, (300, checker.dof))
     space = checker.clear_space(0.004, load=1.7)
@@ -55,7 +55,7 @@ def test_clear_space_keeps_distance_of_sagging_arm(name):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_motion_found_free_keeps_distance_between_samples(name):
+def test_free_space_motion_keeps_distance_between_samples(name):
     random, checker = np.random.default_rng(3), checker_of(name, things_around(6))
     space, free = checker.clear_space(0.005, load=0.0), 0
     for _ in range(24):
@@ -75,7 +75,7 @@ def droop(q):
     return bent
 
 
-def test_clear_space_keeps_distance_of_arm_that_bends():
+def test_free_space_test_keeps_distance_of_bending_arm():
     things, random = things_around(6), np.random.default_rng(4)
     checker, stiff = (CollisionChecker(body("so101"), None, things) for _ in range(2))
     checker.bends = droop
@@ -93,7 +93,7 @@ def test_clear_space_keeps_distance_of_arm_that_bends():
     assert 2 <= free <= pairs - 4
 
 
-def test_clear_space_finds_plate_of_1_um_thickness():
+def test_free_space_test_finds_plate_of_1_um_thickness():
     chain = model_of("so101").chain
     start, goal = np.zeros(chain.dof), np.zeros(chain.dof)
     start[0], goal[0] = -1.0, 1.0
@@ -107,7 +107,7 @@ def test_clear_space_finds_plate_of_1_um_thickness():
         assert any(space.is_free(np.array([end, 0.3 * end])) for end in (start, goal))
 
 
-def test_clear_space_accepts_path_ends_near_but_not_in_contact():
+def test_free_space_test_accepts_path_ends_close_to_contact():
     checker = CollisionChecker(body("so101"), None, BOXES)
     q = np.random.default_rng(7).uniform(-1.2, 1.2, (400, checker.dof))
     near_m = checker.distances(q).min(axis=1)
@@ -120,7 +120,7 @@ def test_clear_space_accepts_path_ends_near_but_not_in_contact():
 
 @pytest.mark.skipif(not compiled.is_compiled(), reason="no C compiler")
 @pytest.mark.parametrize("kernel", ["first_contact", "free_postures"])
-def test_compiled_clear_space_equals_python_code(monkeypatch, kernel):
+def test_compiled_free_space_test_equals_python_code(monkeypatch, kernel):
     pairs = []
 
     def bind(name, *arguments):

@@ -27,29 +27,29 @@ def straight(start, goal):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_checker_accepts_paths_between_named_poses(name):
+def test_collision_checker_accepts_paths_between_named_poses(name):
     model, space = model_of(name), CollisionChecker(body(name))
     poses = [model.chain_pose(pose) for pose in ("rest", "home", "zero", "rest")]
     for start, goal in itertools.pairwise(poses):
         space.check_path(straight(start, goal))
 
 
-def test_checker_dof_equals_number_of_body_joints():
+def test_collision_checker_dof_equals_number_of_arm_joints():
     assert CollisionChecker(BODY).dof == len(HOME)
 
 
-def test_checker_refusal_names_link_table_and_place():
+def test_collision_error_names_link_table_and_position():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match=r"\w+ would touch the table: .* at the goal"):
         CollisionChecker(BODY).check_path(straight(HOME, below))
 
 
-def test_checker_accepts_low_goal_with_lower_floor():
+def test_collision_checker_accepts_low_goal_with_lower_floor():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
     CollisionChecker(BODY, floor_m=-1.0).check_path(straight(HOME, below))
 
 
-def test_checker_finds_obstacle_between_two_free_ends():
+def test_collision_checker_finds_obstacle_between_free_ends():
     middle_m = SO101.chain.forward(HOME)[:3, 3]
     left, right = HOME.copy(), HOME.copy()
     left[0], right[0] = -1.2, 1.2
@@ -59,21 +59,21 @@ def test_checker_finds_obstacle_between_two_free_ends():
     CollisionChecker(BODY).check_path(straight(left, right))
 
 
-def test_checker_lets_arm_leave_box_that_it_touches():
+def test_collision_checker_lets_arm_leave_box_it_touches():
     tip_m = SO101.chain.forward(HOME)[:3, 3]
     lid = KeepOutBox("the lid", tip_m - 0.005, tip_m + 0.005)
     away = HOME - np.array([0, 0.3, 0, 0, 0])
     CollisionChecker(BODY, boxes=[lid]).check_path(straight(HOME, away))
 
 
-def test_checker_lets_arm_rise_from_table_but_not_sink_deeper():
+def test_arm_in_table_contact_may_rise_but_not_sink_deeper():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
     CollisionChecker(BODY).check_path(straight(sunk, HOME))
     with pytest.raises(RefusedError, match="would touch the table"):
         CollisionChecker(BODY).check_path(straight(sunk, sunk + np.array([0, 0.1, 0, 0, 0])))
 
 
-def test_checker_refuses_second_contact_after_leaving_table():
+def test_collision_checker_refuses_second_contact_of_path():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
     with pytest.raises(RefusedError, match="would touch the table"):
         CollisionChecker(BODY).check_path([*straight(sunk, HOME), *straight(HOME, sunk)])
@@ -141,21 +141,21 @@ def test_collision_refusal_hint_suggests_another_pose():
     assert "collisions=False" not in caught.value.hint
 
 
-def test_base_below_floor_is_not_a_contact():
+def test_base_link_below_floor_is_not_a_collision():
     space = space_of_balls(floor_m=0.05)  # the base's ball is 5 cm deep
     assert deepest_contact(space, 1.0, 1.0) == ""
 
 
-def test_raised_floor_is_touched_at_greater_height():
+def test_raised_floor_is_in_contact_at_greater_height():
     assert deepest_contact(space_of_balls(floor_m=0.25), 0.3, 1.0) == "lift-the table, 50.0 mm"
 
 
-def test_contact_names_both_links():
+def test_collision_error_names_both_links():
     assert deepest_contact(space_of_balls(floor_m=None), 0.15, 0.0) == "base-reach, 50.0 mm"
 
 
 @pytest.mark.parametrize("depth_m", [0.0, 0.9e-9])
-def test_posture_touching_at_zero_depth_is_free(depth_m):
+def test_posture_touching_at_zero_depth_is_collision_free(depth_m):
     space, q = space_of_balls(), np.array([0.1 - depth_m, 1.0])
     assert deepest_contact(space, *q) == ""
     space.check_path([np.array([0.5, 1.0]), q])
@@ -168,7 +168,7 @@ def test_contact_deeper_than_1_nm_is_refused():
         space.check_path([np.array([0.5, 1.0]), q])
 
 
-def test_boxes_in_contact_are_distinguished_by_name():
+def test_contact_with_several_boxes_names_the_right_box():
     cups = [
         KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
         KeepOutBox("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),
@@ -179,7 +179,7 @@ def test_boxes_in_contact_are_distinguished_by_name():
         assert deepest_contact(space, 0.6, reach_m) == f"reach-the {name}, 50.0 mm"
 
 
-def test_path_of_two_samples_is_refused_for_contact_at_goal():
+def test_path_of_two_samples_with_contact_at_goal_is_refused():
     with pytest.raises(RefusedError, match=r"the table: 10\.0 mm inside it at the goal"):
         space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
 
@@ -195,7 +195,7 @@ def test_path_of_two_samples_is_refused_for_contact_at_goal():
         ((0.02, 0.06), True),
     ],
 )
-def test_arm_on_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
+def test_arm_in_floor_contact_may_stay_or_rise_but_not_sink(heights_m, refused):
     way = [np.array([height_m, 1.0]) for height_m in (0.05, *heights_m)]
     if refused:
         with pytest.raises(RefusedError, match="the table"):
@@ -227,14 +227,14 @@ def test_contact_depth_does_not_grow_over_stopped_paths():
     assert sink_by_checks(0.05, 50, began_m=unknown_m) < 0.04
 
 
-def test_retargeted_path_ends_no_deeper_than_at_rest():
+def test_path_in_contact_may_not_sink_below_rest_position():
     way = [np.array([height_m, 1.0]) for height_m in (0.0497, 0.0497)]
     space_of_balls().check_path(way)
     with pytest.raises(RefusedError, match="the table"):
         space_of_balls().check_path(way, rest=np.array([0.05, 1.0]))
 
 
-def test_fifty_accepted_paths_in_contact_sink_less_than_50_um():
+def test_fifty_paths_in_contact_sink_less_than_50_um_in_total():
     height_m, dice, space = 0.05, np.random.default_rng(5), space_of_balls()
     for _ in range(50):
         for end_m in height_m + dice.uniform(-6e-4, 1e-4, 20):
@@ -250,13 +250,13 @@ def test_check_path_returns_smallest_distance_on_path():
     assert nearest_m == pytest.approx(0.1)
 
 
-def test_refusal_names_depth_and_place_of_deepest_contact():
+def test_collision_error_names_depth_and_place_of_contact():
     heights = [0.5, 0.4, 0.08, 0.05, 0.5]
     with pytest.raises(RefusedError, match=r"lift would touch the table: 50\.0 mm deep, at 75 %"):
         space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
 
 
-def test_refusal_names_first_contact_on_path():
+def test_collision_error_names_first_contact_on_path():
     cup = KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7]))
     way = [(0.6, 2.0), (0.6, 0.75), (0.02, 0.75), (0.6, 2.0), (0.6, 2.0)]
     with pytest.raises(RefusedError, match=r"reach would touch the cup: 50\.0 mm deep, at 25 %"):
@@ -290,7 +290,7 @@ def test_penetration_of_1_nanometre_is_not_a_collision():
     assert deepest_contact(points, -1e-9, 1.0) == ""
 
 
-def test_path_of_one_posture_in_contact_is_accepted():
+def test_path_that_stays_in_one_contact_posture_is_accepted():
     space_of_balls().check_path([np.array([0.05, 1.0])])
 
 
@@ -308,7 +308,7 @@ def test_posture_with_wrong_number_of_joints_is_refused():
         space_of_balls().collision_free(np.array([[0.5, 1.0, 2.0]]))
 
 
-def test_overlap_in_known_free_posture_is_allowed_plus_4_mm():
+def test_overlap_of_known_free_posture_plus_4_mm_is_allowed():
     body = ball_on_a_rail(postures=[np.array([0.15, 0.0])])
     space = CollisionChecker(body, None)
     assert deepest_contact(space, 0.1461, 0.0) == ""  # and 4 mm more
@@ -350,7 +350,7 @@ def test_plate_of_2_mm_in_path_of_arm_is_always_found():
             CollisionChecker(BODY, boxes=[thin]).check_path(np.linspace(left, right, 4))
 
 
-def test_distance_changes_by_at_most_joint_step_times_reach():
+def test_collision_distance_changes_at_most_step_times_reach():
     random = np.random.default_rng(5)
     for name in ("so101", "open_manipulator_x", "wx250s"):
         packed, space, chain = body(name).pack(), CollisionChecker(body(name)), model_of(name).chain
@@ -363,7 +363,7 @@ def test_distance_changes_by_at_most_joint_step_times_reach():
             assert (changed_m <= most_m + 1e-9).all()
 
 
-def test_checker_refuses_path_that_sags_into_floor():
+def test_collision_checker_refuses_path_that_sags_into_floor():
     sagging = CollisionChecker(
         ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape)
     )
@@ -373,7 +373,7 @@ def test_checker_refuses_path_that_sags_into_floor():
         sagging.check_path(way)
 
 
-def test_checker_lets_arm_rise_that_sags_onto_floor():
+def test_collision_checker_lets_arm_sagged_on_floor_rise():
     sagging = CollisionChecker(
         ball_on_a_rail(), sag=lambda q: np.broadcast_to([-0.03, 0.0], q.shape)
     )

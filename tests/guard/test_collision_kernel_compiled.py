@@ -55,7 +55,7 @@ def test_compiled_gravity_torques_equal_python_torques(monkeypatch):
     ],
 )
 @pytest.mark.parametrize("way", ["compiled", "uncompiled"])
-def test_min_distances_refuses_arrays_of_wrong_shape(monkeypatch, way, argument, change):
+def test_collision_kernel_refuses_arrays_of_wrong_shape(monkeypatch, way, argument, change):
     given = []
     with monkeypatch.context() as patch:
         patch.setattr(collision_kernel, "min_distances", lambda *arguments: given.extend(arguments))

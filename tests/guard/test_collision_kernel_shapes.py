@@ -58,7 +58,7 @@ def changed(array, place, value):
     return copy
 
 
-def test_kernel_arrays_of_one_arm_are_accepted(arrays, weights):
+def test_collision_kernel_accepts_valid_arrays(arrays, weights):
     assert distances_fit(**arrays) is True
     assert torques_fit(**weights) is True
 
@@ -70,7 +70,7 @@ def test_kernel_arrays_of_one_arm_are_accepted(arrays, weights):
         (MIMIC_COLUMN, (0.0, DOF - 1.0), (-0.5, float(DOF))),
     ],
 )
-def test_link_parents_and_columns_must_be_in_range(arrays, weights, column, taken, refused):
+def test_collision_kernel_refuses_link_index_out_of_range(arrays, weights, column, taken, refused):
     links = changed(arrays["links"], (4, PARENT), 0.0)
     for value, fits in [(each, True) for each in taken] + [(each, False) for each in refused]:
         tried = changed(links, (4, column), value)
@@ -78,14 +78,14 @@ def test_link_parents_and_columns_must_be_in_range(arrays, weights, column, take
         assert torques_fit(**weights | {"links": tried}) is fits
 
 
-def test_first_link_has_no_parent_and_ignores_mimic_column(arrays):
+def test_first_link_of_kernel_has_no_parent_and_ignores_mimic(arrays):
     links = arrays["links"]
     assert links[0, PARENT] == -1.0
     assert distances_fit(**arrays | {"links": changed(links, (0, MIMIC_COLUMN), 99.0)}) is True
     assert distances_fit(**arrays | {"links": changed(links, (0, PARENT), 0.0)}) is False
 
 
-def test_capsules_must_lie_on_existing_links(arrays):
+def test_collision_kernel_refuses_capsule_on_missing_link(arrays):
     capsules = arrays["capsules"]
     for link, fits in ((0.0, True), (ROWS - 1.0, True), (-0.5, False), (float(ROWS), False)):
         tried = changed(capsules, (1, LINK), link)
@@ -94,21 +94,21 @@ def test_capsules_must_lie_on_existing_links(arrays):
 
 
 @pytest.mark.parametrize("end", [0, 1])
-def test_pairs_must_refer_to_existing_capsules(arrays, end):
+def test_collision_kernel_refuses_pair_of_missing_capsules(arrays, end):
     count = float(len(arrays["capsules"]))
     for capsule, fits in ((0.0, True), (count - 1.0, True), (-0.5, False), (count, False)):
         tried = changed(arrays["pairs"], (0, end), capsule)
         assert distances_fit(**arrays | {"pairs": tried}) is fits
 
 
-def test_pair_columns_precede_floor_and_box_columns(arrays):
+def test_collision_kernel_refuses_pair_column_out_of_range(arrays):
     between = arrays["distances"].shape[1] - ROWS * (1 + len(BOXES))
     for column, fits in ((0, True), (between - 1, True), (-0.5, False), (between, False)):
         tried = changed(arrays["pairs"], (0, 2), column)
         assert distances_fit(**arrays | {"pairs": tried}) is fits
 
 
-def test_pairs_have_full_width_and_may_be_empty(arrays):
+def test_collision_pair_array_may_be_empty_but_not_narrow(arrays):
     assert distances_fit(**arrays | {"pairs": arrays["pairs"][:1, :2]}) is False
     none = arrays | {"pairs": np.empty((0, 5))}
     assert distances_fit(**none) is True
@@ -117,14 +117,14 @@ def test_pairs_have_full_width_and_may_be_empty(arrays):
         assert distances_fit(**none | {"distances": np.empty((2, columns))}) is fits
 
 
-def test_floor_may_be_minus_infinity_but_not_plus(arrays):
+def test_collision_floor_may_be_minus_but_not_plus_infinity(arrays):
     for floor_m, fits in ((-math.inf, True), (0.0, True), (math.inf, False)):
         assert distances_fit(**arrays | {"floor_m": floor_m}) is fits
 
 
 @pytest.mark.parametrize("name", ["masses", "places", "torques"])
 @pytest.mark.parametrize("axis", [0, 1])
-def test_torque_work_arrays_must_have_size_of_arm(weights, name, axis):
+def test_gravity_kernel_refuses_work_arrays_of_wrong_size(weights, name, axis):
     array = weights[name]
     for size in (array.shape[axis] - 1, array.shape[axis] + 1):
         shape = [*array.shape]
@@ -132,7 +132,7 @@ def test_torque_work_arrays_must_have_size_of_arm(weights, name, axis):
         assert torques_fit(**weights | {name: np.zeros(shape)}) is False
 
 
-def test_links_array_of_wrong_width_is_refused(arrays, weights):
+def test_collision_kernel_refuses_links_array_of_wrong_width(arrays, weights):
     links = arrays["links"][:, :-1]
     assert distances_fit(**arrays | {"links": links}) is False
     assert torques_fit(**weights | {"links": links}) is False

@@ -24,7 +24,7 @@ def test_dead_man_switch_is_valid_at_exactly_its_timeout():
     assert not switch.expired(1.25)
 
 
-def test_dead_man_switch_counts_from_latest_refresh():
+def test_dead_man_switch_time_starts_at_latest_refresh():
     switch = DeadManSwitch()
     switch.refresh(5.0)
     switch.refresh(6.0)

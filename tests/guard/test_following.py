@@ -17,7 +17,7 @@ def following():
     return TrackingMonitor(["elbow", "wrist"], MOST)
 
 
-def test_third_late_cycle_in_a_row_stops_motion():
+def test_third_following_error_in_a_row_stops_motion():
     watch = following()
     watch.update(GOALS, LATE)
     watch.update(GOALS, LATE)
@@ -25,7 +25,7 @@ def test_third_late_cycle_in_a_row_stops_motion():
         watch.update(GOALS, LATE)
 
 
-def test_cycle_in_time_restarts_following_error_count():
+def test_cycle_without_following_error_restarts_count():
     watch = following()
     for measured in (LATE, LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -37,7 +37,7 @@ def test_following_error_at_exact_maximum_is_allowed():
         watch.update(np.zeros(2), -MOST)
 
 
-def test_third_late_cycle_after_cycle_in_time_stops_motion():
+def test_third_following_error_after_restart_stops_motion():
     watch = following()
     for measured in (LATE, FINE, LATE, LATE):
         watch.update(GOALS, measured)
@@ -46,7 +46,7 @@ def test_third_late_cycle_after_cycle_in_time_stops_motion():
 
 
 @pytest.mark.parametrize("measured", [(1.21, 1.0), (1.0, np.nan), (np.inf, 1.0)])
-def test_joint_ahead_of_goal_or_nan_counts_as_following_error(measured):
+def test_joint_ahead_of_goal_or_nan_is_a_following_error(measured):
     watch = following()
     for _ in range(2):
         watch.update(GOALS, np.array(measured))
@@ -54,7 +54,7 @@ def test_joint_ahead_of_goal_or_nan_counts_as_following_error(measured):
         watch.update(GOALS, np.array(measured))
 
 
-def test_following_error_names_all_late_joints():
+def test_following_error_names_all_lagging_joints():
     watch = following()
     for _ in range(2):
         watch.update(GOALS, GOALS - 1.0)
@@ -92,7 +92,7 @@ def test_following_error_limit_is_smaller_for_slow_motion():
     assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow[::-1]), 96) is None
 
 
-def test_following_error_names_joint_as_in_its_limits():
+def test_following_error_uses_joint_name_of_its_limits():
     watch = TrackingMonitor.for_limits([make_limits("elbow"), make_limits("wrist", 4)])
     for _ in range(2):
         watch.update(np.zeros(2), np.array([0.0, 1.0]))

@@ -22,14 +22,14 @@ LEAD = 138  # ticks, of a joint at its top speed
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 1000), (2990, 3000), (1000, 1000)])
-def test_gate_passes_last_tick_inside_limits(start, tick):
+def test_gate_accepts_last_tick_inside_limits(start, tick):
     gate, bus, _ = make_gate_at(start)
     gate.send({"elbow": tick})
     assert bus.sent == [{3: tick}]
 
 
 @pytest.mark.parametrize(("start", "tick"), [(1010, 999), (2990, 3001)])
-def test_gate_refuses_first_tick_outside_and_sends_nothing(start, tick):
+def test_gate_refuses_first_tick_outside_limits(start, tick):
     gate, bus, _ = make_gate_at(start)
     with pytest.raises(RefusedError) as caught:
         gate.send({"wrist": 2050, "elbow": tick})
@@ -37,14 +37,14 @@ def test_gate_refuses_first_tick_outside_and_sends_nothing(start, tick):
     assert bus.sent == []
 
 
-def test_refusal_names_joint_goal_limit_and_its_source():
+def test_gate_refusal_names_joint_goal_limit_and_source():
     gate, _, _ = make_gate_at(2990)
     with pytest.raises(RefusedError, match=r"elbow target 83\.8° .* limit 83\.7° \(hand sweep\)"):
         gate.send({"elbow": 3001})
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_gate_passes_step_of_speed_limit_plus_one_tick(direction):
+def test_gate_accepts_step_of_speed_limit_plus_one_tick(direction):
     gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 2048 + direction * 100}, 0.02)
     gate.send({"elbow": 2048 + direction * 201})  # 10 000 ticks/s, 20 ms, and one of rounding
@@ -52,7 +52,7 @@ def test_gate_passes_step_of_speed_limit_plus_one_tick(direction):
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_gate_refuses_step_one_tick_longer(direction):
+def test_gate_refuses_step_of_speed_limit_plus_two_ticks(direction):
     gate, bus, _ = make_gate_at(2048)
     with pytest.raises(RefusedError, match="setpoint step of 202 ticks in 20 ms for elbow"):
         gate.send({"elbow": 2048 + direction * 202})
@@ -68,7 +68,7 @@ def test_gate_limits_step_after_stall_to_motion_of_50_ms():
     gate.send({"elbow": 2048 + 330})
 
 
-def test_gate_counts_steps_from_last_passed_goal():
+def test_gate_measures_step_from_last_accepted_goal():
     gate, bus, clock = make_gate_at(2048)
     gate.update_measured({"elbow": 2200}, 0.02)
     gate.send({"elbow": 2248})
@@ -130,7 +130,7 @@ def test_reset_goals_refuses_tick_that_is_not_an_integer(tick):
 
 
 @pytest.mark.parametrize(("tick", "nearest"), [(999, 1000), (3001, 3000), (1700, 1700)])
-def test_clamp_returns_nearest_tick_inside_limits(tick, nearest):
+def test_gate_clamp_returns_nearest_tick_inside_limits(tick, nearest):
     gate, _, _ = make_gate_at(2048)
     assert gate.clamp("elbow", tick) == nearest
 
@@ -157,7 +157,7 @@ def test_gate_checks_every_joint_before_it_sends_any():
     assert (bus.sent, dict(gate.goals)) == ([{4: 2115}], {"elbow": 2048, "wrist": 2115})
 
 
-def test_refused_command_leaves_step_budget_to_next_command():
+def test_refused_command_does_not_use_up_allowed_step():
     gate, bus, clock = make_gate_at(2048)
     clock.time_s = 0.01
     gate.update_measured({"elbow": 2048}, 0.01)
@@ -167,7 +167,7 @@ def test_refused_command_leaves_step_budget_to_next_command():
     assert bus.sent == [{3: 2149}]
 
 
-def test_repeated_goals_at_one_time_share_one_step():
+def test_goals_sent_at_same_time_share_one_allowed_step():
     gate, bus, _ = make_gate_at(2048)
     gate.send({"elbow": 2048 + 101})
     gate.send({"elbow": 2048 + 102})
@@ -178,7 +178,7 @@ def test_repeated_goals_at_one_time_share_one_step():
     assert [goals[3] for goals in bus.sent] == [2149, 2150, 2150]
 
 
-def test_gate_charges_step_back_its_time():
+def test_gate_limits_step_back_like_step_forward():
     gate, bus, _ = make_gate_at(2048)
     gate.update_measured({"elbow": 1948}, 0.02)
     gate.send({"elbow": 2048 - 201})
@@ -197,7 +197,7 @@ def test_gate_refuses_goal_one_tick_beyond_max_lead():
     assert bus.sent == [{3: 2186}]
 
 
-def test_slow_motion_has_shorter_max_lead():
+def test_gate_allows_less_lead_in_slow_motion():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.update_measured({"elbow": 2048}, 0.04)
@@ -221,14 +221,14 @@ def test_gate_refuses_goal_without_position_reading():
     "call", ["pass_goals", "shorten_goals", "pass_reset", "pass_hold", "update_measured"]
 )
 @pytest.mark.parametrize("row", [[], [2048], [2048, 2048, None]])
-def test_every_gate_method_refuses_row_of_other_length(call, row):
+def test_every_gate_method_refuses_array_of_wrong_length(call, row):
     gate, _, clock = make_gate_at(2048)
     times = (clock.now_s(),) if call in ("shorten_goals", "update_measured") else ()
     with pytest.raises(RefusedError, match="do not match the 2 joints"):
         getattr(gate.gate, call)(row, *times)
 
 
-def test_joint_left_out_of_every_command_keeps_its_goal():
+def test_gate_keeps_goal_of_joint_without_commands():
     gate, bus, _ = make_gate_at(2048)
     passes = gate.gate
     for passed in (
@@ -242,7 +242,7 @@ def test_joint_left_out_of_every_command_keeps_its_goal():
     assert gate.goals["elbow"] == 2048
 
 
-def test_goals_that_were_not_committed_do_not_count_as_sent():
+def test_gate_counts_goals_as_sent_only_after_commit():
     gate, bus, _ = make_gate_at(2048)
     passed = gate.gate.pass_goals([2148, 2048])
     assert (dict(gate.goals), bus.sent) == ({"elbow": 2048, "wrist": 2048}, [])
@@ -259,13 +259,13 @@ def test_every_gate_method_refuses_unknown_joint(call):
     assert bus.sent == []
 
 
-def test_measured_ticks_returns_latest_readings():
+def test_gate_returns_latest_measured_ticks():
     gate, _, _ = make_gate_at(2000)
     gate.update_measured({"elbow": 2010}, 0.03)
     assert gate.measured_ticks == {"elbow": 2010, "wrist": 2048}
 
 
-def test_allowed_advance_is_limited_by_slowest_joint_and_50_ms():
+def test_gate_advance_is_limited_by_slowest_joint_and_50_ms():
     gate, _, _ = make_gate_at(2048, speed_tick_s=100)
     assert gate.allowed_advance_s(0.03) == pytest.approx(0.013700, abs=1e-6)  # the wrist: 137 ticks
     gate.set_speeds({"wrist": 0.01})
@@ -276,7 +276,7 @@ def test_allowed_advance_is_limited_by_slowest_joint_and_50_ms():
 # --- the stop that stays
 
 
-def test_gate_passes_only_hold_after_stop():
+def test_gate_accepts_only_hold_after_stop():
     gate, bus, _ = make_gate_at(2048)
     hot = StopReason(StopKind.FAULT, "elbow is too hot")
     gate.latch_stop(hot)
@@ -299,7 +299,7 @@ def test_acknowledged_gate_needs_reset_goals_first():
     assert bus.sent == [{3: 1500}]
 
 
-def test_acknowledge_without_stop_keeps_goals():
+def test_acknowledging_gate_without_stop_keeps_goals():
     gate, bus, _ = make_gate_at(2048)
     assert gate.acknowledge() is None
     gate.send({"elbow": 2048})
@@ -307,7 +307,7 @@ def test_acknowledge_without_stop_keeps_goals():
 
 
 @pytest.mark.parametrize("tick", [2100, 2148, 2120])
-def test_hold_passes_between_measured_tick_and_goal(tick):
+def test_hold_is_accepted_between_measured_tick_and_goal(tick):
     gate, bus, _ = make_gate_at(2148)
     gate.update_measured({"elbow": 2100}, 0.02)
     gate.hold({"elbow": tick})
@@ -316,7 +316,7 @@ def test_hold_passes_between_measured_tick_and_goal(tick):
 
 @pytest.mark.parametrize("tick", [2099, 2149])
 @pytest.mark.parametrize("seen", [2100, 2148])
-def test_hold_that_would_move_joint_is_refused_for_all(tick, seen):
+def test_hold_that_would_move_one_joint_is_refused_for_all(tick, seen):
     gate, bus, _ = make_gate_at(2100 if seen == 2148 else 2148)
     gate.update_measured({"elbow": seen}, 0.02)
     with pytest.raises(RefusedError, match=f"{tick} would move elbow"):
@@ -324,14 +324,14 @@ def test_hold_that_would_move_joint_is_refused_for_all(tick, seen):
     assert bus.sent == []
 
 
-def test_hold_of_joint_below_limits_is_sent_at_limit():
+def test_hold_of_joint_below_limits_is_sent_as_limit():
     gate, bus, _ = make_gate_at(1010)
     gate.update_measured({"elbow": 980}, 0.02)
     gate.hold({"elbow": 980})
     assert bus.sent == [{3: 1000}]
 
 
-def test_hold_of_unmeasured_joint_passes_at_its_goal_only():
+def test_hold_of_unmeasured_joint_is_accepted_only_at_its_goal():
     bus = Recorder()
     gate = NamedGate([make_limits()], bus, ManualClock())
     gate.reset_goals({"elbow": 2048})
@@ -349,7 +349,7 @@ def test_hold_refuses_tick_that_is_not_an_integer(tick):
     assert bus.sent == []
 
 
-def test_step_time_restarts_after_hold():
+def test_allowed_step_time_restarts_after_hold():
     gate, _, clock = make_gate_at(2048)
     clock.time_s = 0.04
     gate.hold({"elbow": 2048})
@@ -361,22 +361,22 @@ def test_step_time_restarts_after_hold():
 
 
 @pytest.mark.parametrize(("goal", "start"), [(1000, 2000), (3000, 2000), (950, 950), (960, 950)])
-def test_check_range_accepts_far_goal_inside_or_towards_limits(goal, start):
+def test_gate_range_check_accepts_goal_towards_limits(goal, start):
     make_gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
 
 
 @pytest.mark.parametrize(("goal", "start"), [(999, 2000), (3001, 2000), (949, 950), (999.0, 2000)])
-def test_check_range_refuses_goal_outside_limits(goal, start):
+def test_gate_range_check_refuses_goal_outside_limits(goal, start):
     with pytest.raises(RefusedError):
         make_gate_at(2048)[0].check_range({"elbow": goal}, {"elbow": start})
 
 
-def test_check_range_refuses_unknown_joint():
+def test_gate_range_check_refuses_unknown_joint():
     with pytest.raises(RefusedError, match="3 values do not match the 2 joints"):
         make_gate_at(2048)[0].check_range({"elbo": 2048}, {"elbo": 2048})
 
 
-def test_clamp_of_joint_outside_limits_is_its_position():
+def test_gate_clamp_of_joint_outside_limits_is_its_position():
     assert make_gate_at(950)[0].clamp("elbow", 900) == 950
 
 
@@ -397,7 +397,7 @@ class TestOneReadingOfTheClock:
         gate.send({"elbow": 2048 + 80}, 2 * CYCLE_S)
         assert bus.sent[-1] == {3: 2048 + 80}
 
-    def test_time_used_by_one_step_is_not_available_to_next(self):
+    def test_time_used_by_one_step_does_not_count_for_next(self):
         gate, _, clock = make_gate_at(2048, speed_tick_s=SLOW)
         clock.time_s = 5 * CYCLE_S
         gate.send({"elbow": 2048 + 81}, 2 * CYCLE_S)
@@ -420,21 +420,21 @@ class TestOneReadingOfTheClock:
 
 class TestCut:
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_shorten_goals_keeps_step_that_may_pass(self, direction):
+    def test_shorten_goals_keeps_step_that_gate_accepts(self, direction):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = {"elbow": 2048 + direction * 41}
         assert gate.shorten_goals(goals, CYCLE_S) == goals
 
     @pytest.mark.parametrize("direction", [1, -1])
     @pytest.mark.parametrize("step", [42, 60, 101])
-    def test_shorten_goals_cuts_long_step_to_longest_allowed(self, step, direction):
+    def test_shorten_goals_reduces_long_step_to_longest_allowed(self, step, direction):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         goals = gate.shorten_goals({"elbow": 2048 + direction * step}, CYCLE_S)
         assert goals == {"elbow": 2048 + direction * 41}
         gate.send(goals, CYCLE_S)
         assert bus.sent == [{3: 2048 + direction * 41}]
 
-    def test_shorten_goals_cuts_all_joints_by_same_share(self):
+    def test_shorten_goals_shortens_all_joints_by_same_fraction(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({"elbow": 2048 + 82, "wrist": 2048 - 41}, CYCLE_S) == {
             "elbow": 2048 + 41,
@@ -442,7 +442,7 @@ class TestCut:
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_shorten_goals_cuts_step_to_max_lead(self, direction):
+    def test_shorten_goals_reduces_step_to_maximum_lead(self, direction):
         gate, _, clock = make_gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
         clock.time_s = 2 * CYCLE_S
@@ -451,7 +451,7 @@ class TestCut:
         gate.send(goals, 2 * CYCLE_S)
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_shorten_goals_holds_goal_that_leads_too_far(self, direction):
+    def test_shorten_goals_holds_goal_beyond_maximum_lead(self, direction):
         gate, _, clock = make_gate_at(2048)  # fast
         gate.send({"elbow": 2048 + direction * 100}, CYCLE_S)
         clock.time_s = 2 * CYCLE_S
@@ -463,7 +463,7 @@ class TestCut:
         }
 
     @pytest.mark.parametrize("direction", [1, -1])
-    def test_shorten_goals_leaves_jump_beyond_50_ms_to_be_refused(self, direction):
+    def test_shorten_goals_does_not_shorten_jump_beyond_50_ms(self, direction):
         gate, bus, _ = make_gate_at(2048, speed_tick_s=SLOW)
         assert gate.shorten_goals({"elbow": 2048 + direction * 101}, CYCLE_S) == {
             "elbow": 2048 + direction * 41
@@ -485,7 +485,7 @@ class TestCut:
         gate.send({"elbow": 2048 + 41}, CYCLE_S)
         assert gate.shorten_goals({"elbow": 2048 + 60}, CYCLE_S) == {"elbow": 2048 + 41}
 
-    def test_shorten_goals_cuts_single_tick_if_no_time_has_passed(self):
+    def test_shorten_goals_drops_one_tick_step_if_no_time_has_passed(self):
         gate, _, _ = make_gate_at(2048, speed_tick_s=SLOW)
         gate.send({"elbow": 2048 + 41}, CYCLE_S)
         assert gate.shorten_goals({"elbow": 2048 + 42}, CYCLE_S) == {"elbow": 2048 + 41}

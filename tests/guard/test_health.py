@@ -17,7 +17,7 @@ def see(health=None, **changes):
     return (health or HealthMonitor(HealthLimits())).update(replace(WELL, **changes))
 
 
-def test_healthy_servo_does_not_give_warning():
+def test_healthy_servo_gives_no_warning():
     assert see() == ()
 
 
@@ -31,14 +31,14 @@ def test_servo_below_60_celsius_gives_no_warning():
 
 
 @pytest.mark.parametrize(("celsius", "release"), [(65.0, False), (69.9, False), (70.0, True)])
-def test_arm_holds_from_65_celsius_and_releases_from_70(celsius, release):
+def test_arm_holds_from_65_celsius_and_goes_limp_from_70(celsius, release):
     health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError, match=r"elbow is at \d\d °C \(limit 65 °C\)"):
         see(health, temperature_c=celsius)
     assert health.release is release
 
 
-def test_health_monitor_remembers_release():
+def test_health_monitor_remembers_overheating_after_cooling():
     health = HealthMonitor(HealthLimits())
     with pytest.raises(ServoAlarmError):
         see(health, temperature_c=71.0)
@@ -46,13 +46,13 @@ def test_health_monitor_remembers_release():
     assert health.release
 
 
-def test_healthy_arm_is_not_released():
+def test_healthy_arm_is_not_switched_off():
     health = HealthMonitor(HealthLimits())
     see(health)
     assert health.release is False
 
 
-def test_health_alarm_has_alarm_exit_code_and_hint():
+def test_servo_health_error_has_alarm_exit_code_and_hint():
     with pytest.raises(ServoAlarmError) as caught:
         see(temperature_c=66.0)
     assert caught.value.exit_code == ExitCode.ALARM
@@ -60,12 +60,12 @@ def test_health_alarm_has_alarm_exit_code_and_hint():
 
 
 @pytest.mark.parametrize("volts", [6.0, 8.4])
-def test_supply_at_limits_of_servo_is_accepted(volts):
+def test_supply_voltage_at_servo_limits_is_accepted(volts):
     see(HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)}), voltage_v=volts)
 
 
 @pytest.mark.parametrize("volts", [5.9, 8.5])
-def test_supply_outside_limits_of_servo_holds_arm(volts):
+def test_supply_voltage_outside_servo_limits_makes_arm_hold(volts):
     health = HealthMonitor(HealthLimits(), {"elbow": (6.0, 8.4)})
     with pytest.raises(
         ServoAlarmError, match=rf"supply voltage of {volts} V, outside 6\.0 to 8\.4 V"
@@ -88,13 +88,13 @@ def test_servo_without_known_limits_accepts_any_supply():
 
 
 @pytest.mark.parametrize("name", ["temperature_c", "voltage_v", "load_percent"])
-def test_telemetry_with_nan_holds_arm(name):
+def test_telemetry_with_nan_makes_arm_hold(name):
     with pytest.raises(ServoAlarmError, match="elbow"):
         see(**{name: math.nan})
 
 
 @pytest.mark.parametrize("load", [math.inf, -math.inf])
-def test_infinite_load_holds_arm(load):
+def test_telemetry_with_infinite_load_makes_arm_hold(load):
     with pytest.raises(ServoAlarmError, match="at inf % load"):
         see(load_percent=load)
 
@@ -109,7 +109,7 @@ def test_load_above_90_percent_for_3_s_is_overload(load):
 
 
 @pytest.mark.parametrize("relief", [90.0, -90.0, None])
-def test_relief_of_load_restarts_overload_time(relief):
+def test_overload_time_restarts_when_load_drops(relief):
     health = HealthMonitor(HealthLimits())
     for time_s, load in ((10.0, 99.0), (12.0, relief), (12.1, 99.0), (15.0, 99.0)):
         see(health, time_s=time_s, load_percent=load)
@@ -121,7 +121,7 @@ def test_loads_of_different_joints_are_not_added():
     see(health, joint="wrist", time_s=13.5, load_percent=99.0)
 
 
-def test_relief_of_one_joint_does_not_relieve_another():
+def test_overload_time_is_counted_per_joint():
     health = HealthMonitor(HealthLimits())
     see(health, time_s=10.0, load_percent=99.0)
     see(health, joint="wrist", time_s=11.0)
@@ -134,12 +134,12 @@ def test_relief_of_one_joint_does_not_relieve_another():
     [(False, True, "torque is off"), (True, False, "settings lost"),
      (False, False, "torque is off")],
 )  # fmt: skip
-def test_servo_reset_holds_arm(torque, reset_marker, words):
+def test_servo_reset_makes_arm_hold(torque, reset_marker, words):
     with pytest.raises(ServoAlarmError, match=f"elbow was reset: {words}"):
         see(torque=torque, settings_intact=reset_marker)
 
 
-def test_alarm_lists_flags_reported_by_servo():
+def test_servo_alarm_lists_flags_reported_by_servo():
     with pytest.raises(ServoAlarmError, match=r"elbow reports an alarm: overload, too hot\."):
         see(alarms=frozenset({"too hot", "overload"}))
 
@@ -149,13 +149,13 @@ def test_alarm_lists_flags_reported_by_servo():
     [(Alarm.VOLTAGE, "Check the power supply"), (Alarm.OVERLOAD, "Remove the load"),
      (Alarm.HEAT, "Remove the load, or let the servo cool down")],
 )  # fmt: skip
-def test_alarm_hint_matches_alarm(alarm, remedy):
+def test_servo_alarm_hint_matches_alarm(alarm, remedy):
     with pytest.raises(ServoAlarmError) as caught:
         see(alarms=frozenset({str(alarm)}))
     assert caught.value.hint.startswith(remedy)
 
 
-def test_alarm_lists_all_faults_with_hint_for_first():
+def test_servo_alarm_lists_all_faults_and_hint_for_first():
     with pytest.raises(ServoAlarmError) as caught:
         see(torque=False, temperature_c=80.0)
     assert caught.value.message == ("elbow was reset: torque is off; is at 80 °C (limit 65 °C).")
@@ -208,5 +208,5 @@ def test_arm_file_health_limits_replace_defaults():
 
 
 @pytest.mark.parametrize(("joints", "what"), [(["elbow"], "joint"), (["waist", "elbow"], "arm")])
-def test_lost_torque_error_says_that_arm_fell(joints, what):
+def test_torque_loss_error_says_that_arm_fell(joints, what):
     assert torque_lost_error(joints).message.endswith(f"The {what} is limp and has fallen.")

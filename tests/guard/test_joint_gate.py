@@ -23,7 +23,7 @@ def measured_at(tick, *, goal=2048, time_s=1.0):
 
 
 @pytest.mark.parametrize("lead", [LEAD, -LEAD, 0])
-def test_goal_with_maximum_lead_passes(lead):
+def test_goal_with_maximum_lead_is_accepted(lead):
     goal = 2048 + lead
     measured_at(2048, goal=goal - 50 * (lead > 0) + 50 * (lead < 0)).check_goal(goal, LONG_S, 1.0)
 
@@ -48,7 +48,7 @@ def test_joint_pushed_beyond_max_lead_may_only_reduce_its_lead(side):
 
 
 @pytest.mark.parametrize("now_s", [1.0, 1.25])
-def test_measurement_is_valid_for_250_ms(now_s):
+def test_position_measurement_is_valid_for_250_ms(now_s):
     joint = measured_at(2048)
     assert not joint.is_stale(now_s)
     joint.check_goal(2048, LONG_S, now_s)
@@ -62,7 +62,7 @@ def test_goal_is_refused_if_position_reading_is_stale(now_s):
         joint.check_goal(2048, LONG_S, now_s)
 
 
-def test_unmeasured_joint_is_stale_and_motion_waits():
+def test_unmeasured_joint_counts_as_stale_and_motion_waits():
     joint = JointGate(make_limits())
     assert joint.is_stale(0.0)
     assert joint.ease() == 0.0
@@ -93,7 +93,7 @@ def test_measurement_with_nan_or_infinite_time_is_ignored(time_s):
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan])
-def test_speed_not_above_zero_is_refused_for_all_joints(speed):
+def test_joint_speed_limit_must_be_above_zero(speed):
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     with pytest.raises(RefusedError, match="The speed of elbow must be above zero"):
         gate.set_speeds({"wrist": 1.0, "elbow": speed})
@@ -122,13 +122,13 @@ def test_motion_slows_from_75_percent_of_maximum_lead(goal, share):
 
 
 @pytest.mark.parametrize("goal", [2048 + 200, 2048 - 200])
-def test_motion_with_too_large_lead_stands_and_never_reverses(goal):
+def test_motion_pauses_but_never_reverses_if_lead_is_too_large(goal):
     joint = measured_at(2048, goal=goal)
     assert joint.ease() == 0.0
     assert joint.allowed_advance_s(0.01) == 0.0
 
 
-def test_advance_in_long_cycle_stays_within_maximum_lead():
+def test_allowed_advance_in_long_cycle_respects_maximum_lead():
     advance_s = measured_at(2048, goal=2048 + 37).allowed_advance_s(0.2)
     assert advance_s == pytest.approx(100 / 2000)  # and one tick left for rounding
 
@@ -140,19 +140,19 @@ def test_allowed_advance_uses_motion_speed_up_to_joint_speed(speed, used):
     assert joint.allowed_advance_s(0.2) == pytest.approx(100 / used)
 
 
-def test_joint_with_largest_lag_sets_allowed_advance():
+def test_joint_with_largest_lag_limits_allowed_advance():
     gate, _, _ = make_gate_at(2048, speed_tick_s=2000)
     gate.update_measured({"elbow": 2048 - 121, "wrist": 2048}, 0.02)
     assert gate.allowed_advance_s(0.001) == pytest.approx(0.0004928, rel=1e-3)
 
 
-def test_allowed_advance_without_goals_is_full_time():
+def test_allowed_advance_without_goals_is_full_cycle_time():
     gate = Gate([make_limits()], ManualClock())
     assert gate.allowed_advance_s(0.01) == 0.01
 
 
 @given(st.integers(-LEAD, LEAD), st.floats(0.0, 0.05), st.floats(0.0, 0.9999))
-def test_goals_that_advance_as_allowed_always_pass_gate(ahead_by, elapsed_s, phase):
+def test_goals_within_allowed_advance_always_pass_gate(ahead_by, elapsed_s, phase):
     joint = measured_at(2048, goal=2048 + ahead_by)
     further = math.floor(2000 * joint.allowed_advance_s(elapsed_s) + phase)
     goal = 2048 + ahead_by + int(math.copysign(further, ahead_by))

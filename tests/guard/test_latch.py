@@ -9,12 +9,12 @@ HEAT = StopReason(StopKind.FAULT, "heat")
 SILENCE = StopReason(StopKind.FAULT, "silence")
 
 
-def test_stop_latch_never_latched_raises_nothing():
+def test_unset_stop_latch_raises_nothing():
     StopLatch().raise_if_stopped()
     assert StopLatch().reason is None
 
 
-def test_latched_stop_gives_its_reason_in_one_line():
+def test_stop_latch_error_states_reason_in_one_line():
     latch = StopLatch()
     latch.latch_stop(StopReason(StopKind.UNPLUGGED, "The cable is gone.\nPlug it in."))
     with pytest.raises(RefusedError) as caught:

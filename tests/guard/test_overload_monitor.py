@@ -31,7 +31,7 @@ def test_overload_monitor_keeps_goal_close_to_overloaded_joint(goal):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_overload_monitor_draws_back_far_goal_after_motion(side):
+def test_overload_monitor_reduces_large_lead_after_motion(side):
     monitor, _ = pressed_by_a_load(AT + 10 * side, 0.5)
     drawn = monitor.relaxed_goals([AT + 200 * side], [AT])
     assert side * (drawn[0] - AT) == int(0.6 * 0.8 / 4.0 / TICK)

@@ -88,7 +88,7 @@ def campaign(name, count, seed):
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
-def test_no_posture_in_contact_passes_checker(name):
+def test_collision_checker_refuses_every_posture_in_contact(name):
     touched, missed = campaign(name, 120, seed=7)
     assert touched > 3
     assert missed == 0
@@ -97,7 +97,7 @@ def test_no_posture_in_contact_passes_checker(name):
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ARMS)
-def test_no_posture_in_contact_passes_in_campaign(name):
+def test_collision_checker_refuses_all_contacts_in_campaign(name):
     touched, missed = campaign(name, 10_000, seed=11)
     assert touched
     assert missed == 0

@@ -99,7 +99,7 @@ def test_refused_point_does_not_send_packets(arm, wire, point):
 
 @settings(max_examples=40, **WIDE)
 @given(st.dictionaries(st.sampled_from(NAMES), st.one_of(odd, numbers), max_size=6))
-def test_gate_sends_goals_of_any_program_whole_or_not_at_all(arm, wire, asked):
+def test_gate_sends_goals_of_all_joints_or_none(arm, wire, asked):
     """Ticks of any kind for any joints are sent to the gate itself."""
     gate, before = gate_of(arm), wire.packets
     ticks = {n: v if not isinstance(v, float) else round(v, 3) for n, v in asked.items()}

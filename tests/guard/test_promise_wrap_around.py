@@ -52,7 +52,7 @@ def test_sensor_count_never_wraps_in_campaign():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_every_tick_of_a_turn_round_trips_through_its_position(sign):
+def test_tick_to_position_conversion_round_trips_for_whole_turn(sign):
     joint_map = JointMap.revolute("elbow", 3, sign, 2048.37, TURN)
     ends = sorted((joint_map.position(1000), joint_map.position(3000)))
     driven = DrivenJoint(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)

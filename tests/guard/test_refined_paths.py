@@ -44,59 +44,59 @@ def check(path_m, *boxes):
         ([3.5, 3.3, 0.9, 0.5], 58),
     ],
 )
-def test_contact_place_is_taken_from_refined_sample(path_m, percent):
+def test_reported_contact_position_is_of_refined_sample(path_m, percent):
     with pytest.raises(RefusedError, match=rf"touch the plate: 100\.0 mm deep, at {percent} %"):
         check(path_m, plate(1.5))
 
 
-def test_error_names_first_of_two_plates_between_samples():
+def test_collision_error_names_first_plate_between_samples():
     with pytest.raises(RefusedError, match="the near plate"):
         check([0.5, 4.5], plate(1.5, name="the near plate"), plate(3.5, name="the far plate"))
 
 
-def test_error_names_nearer_plate_in_either_order():
+def test_collision_error_names_nearer_plate_in_any_order():
     with pytest.raises(RefusedError, match="the near plate"):
         check([0.5, 4.5], plate(2.5, name="the far plate"), plate(1.5, name="the near plate"))
 
 
-def test_path_beside_plate_is_free_in_both_directions():
+def test_path_beside_plate_is_collision_free_both_ways():
     for path_m in ([0.5, 1.39], [1.39, 0.5], [1.61, 2.5], [2.5, 1.61], [0.5, 1.39, 0.5]):
         check(path_m, plate(1.5))
 
 
-def test_body_may_leave_plate_that_it_touches():
+def test_link_may_leave_plate_that_it_touches():
     check([1.55, 2.5], plate(1.5))
     with pytest.raises(RefusedError, match="the far plate"):
         check([1.55, 4.5], plate(1.5), plate(3.5, name="the far plate"))
 
 
 @pytest.mark.parametrize("path_m", [[1.45, 2.5], [1.45, 1.5, 2.5], [1.45, 1.5, 1.45]])
-def test_body_inside_plate_must_not_leave_on_the_other_side(path_m):
+def test_body_inside_plate_may_not_leave_on_other_side(path_m):
     with pytest.raises(RefusedError, match="ball would touch the plate"):
         check(path_m, plate(1.5))
 
 
-def test_plate_is_found_however_far_apart_samples_are():
+def test_thin_plate_is_found_at_any_sample_spacing():
     for end_m in np.linspace(2.0, 8.5, 27):
         with pytest.raises(RefusedError, match="the plate"):
             check([0.0, end_m], plate(1.5))
 
 
-def test_body_that_left_plate_must_not_pass_through_it():
+def test_body_that_left_plate_may_not_pass_through_it():
     checker = CollisionChecker(slider(), floor_m=None, boxes=[plate(1.5)])
     checker.check_path([np.array([x]) for x in (1.45, 0.9, 0.5)])
     with pytest.raises(RefusedError, match="ball would touch the plate"):
         checker.check_path([np.array([x]) for x in (1.45, 0.9, 3.3)])
 
 
-def test_body_against_plate_must_not_pass_through_it():
+def test_body_touching_plate_may_not_pass_through_it():
     against_m = 1.5 - 0.001 - BALL_RADIUS_M
     with pytest.raises(RefusedError, match="ball would touch the plate"):
         check([against_m, 2.5], plate(1.5))
 
 
 @pytest.mark.parametrize(("apart_m", "refused"), [(0.00201, True), (0.00199, False)])
-def test_contact_over_1_mm_between_samples_is_found(apart_m, refused):
+def test_contact_deeper_than_1_mm_between_samples_is_found(apart_m, refused):
     # the ball is free at both samples; between them it is as deep in the sheet as its radius
     path = [np.array([1.5 - apart_m / 2]), np.array([1.5 + apart_m / 2])]
     checker = CollisionChecker(slider(apart_m / 2 - 1e-6), boxes=[plate(1.5, thickness_m=1e-6)])
@@ -120,7 +120,7 @@ def test_path_far_from_obstacles_is_not_refined():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_path_of_two_samples_finds_plate_of_1_mm(seed):
+def test_plate_of_1_mm_is_found_between_two_path_samples(seed):
     """A plate anywhere in the sweep of the gripper; the path has only its two ends."""
     chain, random = model_of("so101").chain, np.random.default_rng(seed)
     start, goal = np.zeros(chain.dof), np.zeros(chain.dof)

@@ -10,23 +10,23 @@ from ikservo.guard.joint_gate import RateLimiter
 @pytest.mark.parametrize(
     ("elapsed_s", "most"), [(0.0, 1), (0.0001, 1), (0.01, 11), (0.05, 51), (0.06, 51), (-1.0, 1)]
 )
-def test_max_step_is_speed_times_time_plus_one_tick(elapsed_s, most):
+def test_maximum_step_is_speed_times_time_plus_one_tick(elapsed_s, most):
     assert RateLimiter(1000.0).max_step(elapsed_s) == most
 
 
-def test_rounding_tick_is_available_to_one_step_only():
+def test_rate_limiter_grants_rounding_tick_only_once():
     limiter = RateLimiter(1000.0)
     limiter.consume(11, 0.01)
     assert limiter.max_step(0.01) == 10
 
 
-def test_fraction_of_tick_is_kept_for_next_step():
+def test_rate_limiter_keeps_fraction_of_tick_for_next_step():
     limiter = RateLimiter(1000.0)
     limiter.consume(11, 0.0105)
     assert limiter.max_step(0.0005) == 1
 
 
-def test_rate_limiter_at_rest_saves_up_only_rounding_tick():
+def test_rate_limiter_at_rest_accumulates_only_rounding_tick():
     limiter = RateLimiter(1000.0)
     for _ in range(10):
         limiter.consume(0, 0.05)
@@ -36,12 +36,12 @@ def test_rate_limiter_at_rest_saves_up_only_rounding_tick():
 
 
 @pytest.mark.parametrize(("short_ticks", "most"), [(0.9e-6, 2), (1.1e-6, 1)])
-def test_max_step_tolerates_rounding_of_product(short_ticks, most):
+def test_maximum_step_tolerates_floating_point_rounding(short_ticks, most):
     assert RateLimiter(1000.0).max_step((1.0 - short_ticks) / 1000.0) == most
 
 
 @given(st.lists(st.tuples(st.integers(0, 60), st.floats(0.0, 0.05)), max_size=40))
-def test_goals_never_exceed_speed_times_time_plus_one_tick(steps):
+def test_goal_steps_never_exceed_speed_times_time_plus_one_tick(steps):
     limiter, gone, elapsed_s = RateLimiter(1000.0), 0, 0.0
     for goal, dt_s in steps:
         step = min(goal, limiter.max_step(dt_s))

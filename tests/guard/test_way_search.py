@@ -36,7 +36,7 @@ def search(space, goals=(GOAL,), **options):
     return WaySearch(space, START, np.array(goals), *SIDES, **options)
 
 
-def test_path_search_goes_through_gap_to_reachable_goal():
+def test_path_search_finds_gap_to_reachable_goal():
     goals, most = [GOAL, [0.5, 0.2], [0.9, 1.9]], 20000
     way = search(maze(), goals).find(most)
     assert maze().is_free(way)
@@ -54,7 +54,7 @@ def test_path_search_resumes_where_it_was_interrupted():
     assert parts.find(1000) is None
 
 
-def test_path_search_without_free_end_ends_at_once():
+def test_path_search_with_blocked_start_or_goal_ends_at_once():
     assert search(maze(), [[0.5, 0.2]]).has_ended
     assert search(maze(), [[0.9, 1.9]]).has_ended
     assert search(maze(), [[0.5, 0.2]]).find(100) is None
@@ -72,7 +72,7 @@ def test_path_search_ends_by_callback_or_sample_limit():
     assert not walled.has_ended
 
 
-def test_path_search_does_not_take_gap_that_samples_miss(monkeypatch):
+def test_path_search_does_not_jump_through_thin_wall(monkeypatch):
     thin = maze(gap=5.0)  # the wall is 80 mm thick, as is the ball with what it keeps
     monkeypatch.setattr(path_search, "_STEP_M", 0.5)
     walled = search(thin)
@@ -80,7 +80,7 @@ def test_path_search_does_not_take_gap_that_samples_miss(monkeypatch):
     assert walled._step_m < 0.5
 
 
-def test_path_search_shortens_path_after_first_one(monkeypatch):
+def test_path_search_shortens_path_after_finding_first(monkeypatch):
     space = maze(gap=0.6, half_m=0.06)
     lengths = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
     monkeypatch.setattr(path_search, "_MOST_WAYS", 1)
@@ -89,7 +89,7 @@ def test_path_search_shortens_path_after_first_one(monkeypatch):
     assert max(lengths) < 1.25 * min(lengths)
 
 
-def test_path_search_with_time_shortens_path_until_end():
+def test_path_search_shortens_path_until_time_is_up():
     asked = []
 
     def is_over():
@@ -141,7 +141,7 @@ def test_compiled_path_search_equals_python_search(monkeypatch, name):
 
 
 @pytest.mark.parametrize("hit", range(3))
-def test_path_search_does_not_depend_on_last_contact(hit):
+def test_path_search_does_not_depend_on_previous_contact(hit):
     others = search(maze())
     others._state[others._kernel.HIT] = hit  # the numbers of its three links
     np.testing.assert_array_equal(others.find(20000), search(maze()).find(20000))

@@ -27,36 +27,36 @@ def test_backup_writes_one_file_per_servo(bus, home):
     assert names == ["backups/so101/id_001_STS3215.toml", "backups/so101/id_002_XL430-W250.toml"]
 
 
-def test_backup_holds_whole_eeprom(bus):
+def test_eeprom_backup_contains_whole_eeprom(bus):
     path, _ = back_up_once(bus, "so101")
     assert read_backup(path).eeprom == read_eeprom(bus, 1)
 
 
-def test_first_backup_is_never_overwritten(bus):
+def test_first_eeprom_backup_is_never_overwritten(bus):
     back_up_once(bus, "so101")
     update_eeprom(bus, 1, {STS3215.homing_offset: -100})
     assert back_up_once(bus, "so101") == []
     assert read_backup(backup_path("so101", bus.servos[1])).eeprom["homing_offset"] == 0
 
 
-def test_another_model_at_same_id_gets_its_own_backup(bus):
+def test_servo_of_another_model_at_same_id_gets_own_backup(bus):
     back_up_once(bus, "so101")
     assert len(back_up_once(make_bus({1: "STS3250"}), "so101")) == 1
 
 
-def test_silent_servo_does_not_leave_backup_file(bus, home):
+def test_eeprom_backup_of_silent_servo_leaves_no_file(bus, home):
     add_faults(bus, ("silent", {"id": 2}))
     with pytest.raises(ServoSilentError):
         back_up_once(bus, "so101")
     assert [path.name for path in home.rglob("id_*")] == ["id_001_STS3215.toml"]
 
 
-def test_arm_name_cannot_lead_out_of_backup_folder(bus, home):
+def test_arm_name_cannot_escape_backup_folder(bus, home):
     (path, _) = back_up_once(bus, "../../etc/arm")
     assert path.is_relative_to(home / "backups")
 
 
-def test_backup_writes_nothing_to_servo(bus):
+def test_eeprom_backup_writes_nothing_to_servo(bus):
     torque = bus.read(1, RegisterName.TORQUE_ENABLE)
     sent, write = [], bus.port.transport.write
     bus.port.transport.write = lambda data: (sent.append(bytes(data)), write(data))[1]
@@ -112,7 +112,7 @@ def test_backup_names_its_model_id_and_path(bus):
     ('"STS3215"', f'"{"x" * 5000}"'), ("id = 1\n\n", f"id = [{'1, ' * 2000}]\n\n"),
     ("homing_offset = 0", f'homing_offset = "{"y" * 5000}"'),
 ])  # fmt: skip
-def test_error_of_damaged_backup_is_truncated(bus, old, new):
+def test_error_text_of_damaged_backup_is_truncated(bus, old, new):
     path, _ = back_up_once(bus, "so101")
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileFormatError) as failed:

@@ -127,7 +127,7 @@ class TestMixedFamilies:
         bus.ping(1)
         assert {i: s.read("goal_position") for i, s in simulated_servos(bus).items()} == goals
 
-    def test_torque_off_reaches_all_though_two_are_silent(self, bus):
+    def test_torque_off_reaches_all_servos_although_two_are_silent(self, bus):
         bus.sync_write(RegisterName.TORQUE_ENABLE, dict.fromkeys(MIXED, 1), raw=True)
         add_faults(bus, ("lost", {"count": 0}), ("silent", {"id": 2}), ("silent", {"id": 5}))
         assert list(torque_off(bus, MIXED)) == [2, 5]
@@ -143,12 +143,12 @@ class TestShadows:
         simulated_servos(bus)[3].write("secondary_id", 2)
         return bus
 
-    def test_goal_of_leader_is_also_goal_of_shadow(self, bus):
+    def test_goal_is_sent_to_both_servos_of_joint(self, bus):
         torque_on(bus, 2)
         bus.write(2, RegisterName.GOAL_POSITION, 2100, raw=True)
         assert {s.read("goal_position") for s in simulated_servos(bus).values()} == {2100}
 
-    def test_leader_answers_read_for_its_shadow(self, bus):
+    def test_sync_read_returns_values_of_both_servos_of_joint(self, bus):
         readings = bus.sync_read([2, 3], RegisterName.PRESENT_POSITION, raw=True).require_all()
         assert readings.keys() == {2, 3}
         assert bus.statistics[2].lost == bus.statistics[2].garbled == 0
@@ -172,7 +172,7 @@ def test_two_buses_are_read_by_two_threads_at_once():
     assert [len(rows) for rows in found] == [200, 200]
 
 
-def test_two_threads_on_one_bus_take_turns():
+def test_two_threads_share_one_bus_without_interference():
     bus = make_bus({1: X, 2: "STS3215"})
     found = {1: set(), 2: set()}
 
@@ -213,7 +213,7 @@ class TestRollCall:
         assert known.broadcast_ping(Family.DYNAMIXEL_2, highest_id=252).replies.keys() == {1, 200}
 
     @pytest.mark.parametrize("model", [X, "STS3215"])
-    def test_broadcast_ping_reveals_duplicate_id(self, model):
+    def test_broadcast_ping_detects_duplicate_id(self, model):
         transport_bus = make_bus({1: model})
         family = transport_bus.servos[1].table.family
         bus = crowded(model)

@@ -19,19 +19,19 @@ TELEMETRY = [
 ]
 
 
-def test_adjacent_registers_form_one_run():
+def test_adjacent_registers_are_read_together():
     wanted = [STS3215.present_load, STS3215.present_position, STS3215.present_speed]
     assert contiguous_runs(wanted) == [
         [STS3215.present_position, STS3215.present_speed, STS3215.present_load]
     ]
 
 
-def test_gap_separates_register_runs():
+def test_register_gap_splits_read_into_two():
     wanted = [STS3215.present_position, STS3215.goal_position]
     assert contiguous_runs(wanted) == [[STS3215.goal_position], [STS3215.present_position]]
 
 
-def test_register_wanted_twice_is_read_once():
+def test_register_requested_twice_is_read_once():
     assert contiguous_runs([STS3215.moving, STS3215.moving]) == [[STS3215.moving]]
 
 
@@ -57,7 +57,7 @@ def test_servo_silent_in_one_of_two_reads_has_error_and_no_value(feetech, line):
     assert "read present_position" in str(readings.errors[1])
 
 
-def test_families_with_other_register_order_are_read_together(port, line):
+def test_servo_families_are_read_together_despite_register_order(port, line):
     bus = ServoBus(port, [ServoSpec(1, STS3215), ServoSpec(2, XL430W250)])
     line.expect("FF FF FE 05 82 3E 02 01 39", "FF FF 01 04 00 7B 23 5C")
     line.expect(

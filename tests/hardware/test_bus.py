@@ -53,7 +53,7 @@ class TestRefusedBeforeAByteIsSent:
         with pytest.raises(BadValueError, match="an integer"):
             feetech.write(1, STS3215.goal_position, 2048.5, raw=True)
 
-    def test_one_bad_goal_in_sync_write_stops_goals_of_all(self, feetech):
+    def test_sync_write_with_one_invalid_goal_sends_nothing(self, feetech):
         with pytest.raises(RegisterAccessError, match="shoulder_lift"):
             feetech.sync_write(RegisterName.GOAL_POSITION, {1: 2048, 2: 99_999}, raw=True)
 
@@ -78,7 +78,7 @@ class TestRefusedBeforeAByteIsSent:
         assert feetech.sync_read([], RegisterName.PRESENT_POSITION).require_all() == {}
 
 
-def test_torque_read_by_sync_read_is_remembered(feetech, line):
+def test_torque_state_read_by_sync_read_is_remembered(feetech, line):
     line.expect("FF FF FE 05 82 28 01 01 50", "FF FF 01 03 00 01 FA")
     feetech.sync_read([1], RegisterName.TORQUE_ENABLE)
     with pytest.raises(RegisterAccessError, match="torque is on"):
@@ -156,7 +156,7 @@ class TestUnresponsiveServos:
         line.expect(sync_request([1], 56, 2))
         assert unresponsive_bus.sync_read([1], RegisterName.PRESENT_POSITION).errors.keys() == {1}
 
-    def test_unresponsive_servo_that_answers_is_read_as_before(self, unresponsive_bus, line):
+    def test_servo_that_answers_again_is_read_normally(self, unresponsive_bus, line):
         line.clock.s += 0.3
         for _ in range(2):
             line.expect(sync_request([1], 56, 2), AT_2048)
@@ -168,25 +168,25 @@ class TestUnresponsiveServos:
 class TestStatistics:
     """Every request is counted."""
 
-    def test_statistics_count_losses_and_retries(self, patient, line):
+    def test_bus_statistics_count_losses_and_retries(self, patient, line):
         line.expect(READ_1).expect(AGAIN_1, "00").expect(THIRD_1, reply(1, 0, 0, 0, 8))
         patient.read(1, RegisterName.PRESENT_POSITION)
         counts = patient.statistics[1]
         assert (counts.requests, counts.lost, counts.garbled, counts.retried) == (3, 1, 1, 2)
 
-    def test_round_trip_is_time_until_reply(self, patient, line):
+    def test_round_trip_time_is_time_until_reply(self, patient, line):
         line.expect(READ_1, AT_2048, after_s=0.0007)
         patient.read(1, RegisterName.PRESENT_POSITION)
         assert patient.statistics[1].round_trip_s(0.5) == pytest.approx(0.0007)
 
-    def test_round_trip_is_none_without_reply(self, patient):
+    def test_round_trip_time_is_none_without_reply(self, patient):
         assert patient.statistics[1].round_trip_s(0.5) is None
 
 
 class TestErrors:
     """Errors name the joint, the id, the port, the request and a remedy."""
 
-    def test_silence_error_names_servo_register_and_sent_bytes(self, feetech, line):
+    def test_silent_servo_error_names_register_and_sent_bytes(self, feetech, line):
         line.expect(READ_1)
         with pytest.raises(ServoSilentError) as caught:
             feetech.read(1, RegisterName.PRESENT_POSITION)
@@ -203,7 +203,7 @@ class TestErrors:
         assert caught.value.sent == bytes.fromhex(READ_1)
         assert caught.value.received == bytes.fromhex("FF FF 01 04 00 01 08 F2")
 
-    def test_silence_error_suggests_unplugged_cable(self, port, line):
+    def test_silent_servo_error_suggests_unplugged_cable(self, port, line):
         names = ["pan", "lift", "elbow"]
         bus = ServoBus(port, [ServoSpec(i, STS3215, n) for i, n in enumerate(names, 1)], retries=0)
         line.expect("FF FF FE 07 82 38 02 01 02 03 38", AT_2048)
@@ -220,7 +220,7 @@ class TestErrors:
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION).require_all()
 
 
-def test_models_of_one_family_share_sync_read(port, line):
+def test_servo_models_of_one_family_share_one_sync_read(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, XL330M288)], fast=False)
     line.expect(
         "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
@@ -246,7 +246,7 @@ def test_families_on_one_bus_are_read_in_their_own_protocols(port, line):
     }
 
 
-def test_alarm_register_is_read_as_named_alarms(feetech, line):
+def test_alarm_register_is_decoded_to_named_alarms(feetech, line):
     line.expect("FF FF 01 04 02 41 01 B6", "FF FF 01 03 20 25 B6")
     assert feetech.read_alarms(1) == {Alarm.VOLTAGE, Alarm.HEAT, Alarm.OVERLOAD}
 
@@ -272,7 +272,7 @@ class TestReturnDelays:
         wire_s = feetech.port.wire_s(8 + 8)
         assert line.clock.now_s() - asked_s == pytest.approx(wire_s + 50 * 2e-6 + 0.001, abs=0.0002)
 
-    def test_unknown_return_delay_keeps_longest_possible_time_out(self, feetech, line):
+    def test_unknown_return_delay_uses_longest_time_out(self, feetech, line):
         line.expect(self.ASKED, "FF FF 01 03 00 00 FB")
         line.expect("FF FF FE 06 82 38 02 01 02 3C", "FF FF 02 04 00 FF 07 F3", after_s=0.0021)
         feetech.load_return_delays()

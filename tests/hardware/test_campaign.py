@@ -31,14 +31,14 @@ both = pytest.mark.parametrize("models", FAMILIES.values(), ids=FAMILIES)
 @pytest.mark.sample(3)
 @both
 @pytest.mark.parametrize("faults", FAULTS.values(), ids=FAULTS)
-def test_no_wrong_value_is_returned_on_faulty_bus(models, faults):
+def test_faulty_bus_never_returns_wrong_value(models, faults):
     outcome = ours(models, 1_500, seed=1, faults=faults)
     assert outcome.wrong == 0
     assert outcome.lost < 0.05 * outcome.reads
 
 
 @both
-def test_no_old_position_is_returned_as_present_one(models):
+def test_stale_position_is_never_returned_as_present_one(models):
     outcome = ours_moving(models, 1_500, seed=1)
     assert outcome.wrong == 0
     assert outcome.lost < 0.05 * outcome.reads
@@ -75,7 +75,7 @@ def test_healthy_bus_has_no_loss_and_no_retry(models):
 
 
 @both
-def test_vendor_sdk_returns_wrong_values_on_same_bus(models):
+def test_vendor_sdk_returns_wrong_values_on_same_faulty_bus(models):
     outcome = stock(models, 500, seed=1)
     assert outcome.wrong > 0
 

@@ -38,17 +38,17 @@ CHAIN = [ServoSpec(i, STS3215, name) for i, name in enumerate(NAMES, 1)]
         ),
     ],
 )
-def test_silence_hint_names_cable_from_silent_pattern(silent, order):
+def test_silent_servo_hint_names_cable_before_silent_servos(silent, order):
     answering = [servo.id for servo in CHAIN if servo.id not in silent]
     assert silence_hint(CHAIN, answering, silent) == order
 
 
-def test_silence_hint_follows_cable_order_not_ids():
+def test_silent_servo_hint_follows_cable_order_not_ids():
     chain = [CHAIN[5], CHAIN[0]]
     assert "from gripper to pan" in silence_hint(chain, [6], [1])
 
 
-def test_silence_hint_uses_earlier_answers_of_other_servos():
+def test_silent_servo_hint_uses_earlier_replies_of_others():
     bus = make_bus(dict.fromkeys(range(1, 4), "STS3215"))
     bus.sync_read([1, 2, 3], RegisterName.PRESENT_POSITION)
     add_faults(bus, ("silent", {"id": 3}))
@@ -56,7 +56,7 @@ def test_silence_hint_uses_earlier_answers_of_other_servos():
         bus.read(3, RegisterName.PRESENT_POSITION)
 
 
-def test_silence_hint_without_earlier_answers_names_only_servo():
+def test_silent_servo_hint_without_history_names_only_servo():
     bus = make_bus({1: "STS3215", 2: "STS3215"})
     add_faults(bus, ("silent", {}))
     with pytest.raises(ServoSilentError, match="Check its power, the cable that leads to it"):

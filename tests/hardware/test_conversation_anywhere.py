@@ -85,7 +85,7 @@ def ids(bus):
 
 
 @pytest.mark.full
-def test_every_servo_reports_model_of_arm_file(bus, ids):
+def test_servo_models_match_arm_file(bus, ids):
     numbers = {i: bus.ping(i).model_number for i in ids}
     assert numbers == {i: bus.servos[i].table.number for i in ids}
 
@@ -107,13 +107,13 @@ def test_telemetry_voltage_and_temperature_are_plausible(bus, ids):
         assert 0.0 < row[RegisterName.PRESENT_TEMPERATURE] < 80.0
 
 
-def test_absent_servo_does_not_affect_values_of_others(bus, ids):
+def test_missing_servo_does_not_affect_values_of_others(bus, ids):
     readings = bus.sync_read([*ids, ABSENT.id], RegisterName.PRESENT_POSITION)
     assert sorted(readings.values) == sorted(ids)
     assert isinstance(readings.errors[ABSENT.id], ServoSilentError)
 
 
-def test_absent_servo_is_silent_when_pinged(bus):
+def test_ping_of_missing_servo_gets_no_reply(bus):
     with pytest.raises(ServoSilentError, match="nobody"):
         bus.ping(ABSENT.id)
 
@@ -138,7 +138,7 @@ def test_sync_write_reaches_all_servos(bus, ids):
         bus.ping(ids[0])
 
 
-def test_eeprom_value_already_held_is_not_written(bus, ids):
+def test_unchanged_eeprom_value_is_not_written(bus, ids):
     servo = bus.servos[ids[0]]
     held = read_eeprom(bus, servo.id)
     limit = servo.table.max_temperature_limit
@@ -151,7 +151,7 @@ def test_write_to_measured_register_is_refused(bus, ids):
 
 
 @pytest.mark.sample(3)
-def test_thousand_position_reads_are_answered(bus, ids, request):
+def test_thousand_position_reads_are_all_answered(bus, ids, request):
     asked = 1000 // len(ids)
     answered = sum(
         not bus.sync_read(ids, RegisterName.PRESENT_POSITION).errors for _ in range(asked)
@@ -160,7 +160,7 @@ def test_thousand_position_reads_are_answered(bus, ids, request):
     assert answered >= (1.0 - LATE.get(place, 0.0)) * asked
 
 
-def test_round_trip_of_every_servo_is_timed(bus, ids):
+def test_round_trip_time_of_every_servo_is_measured(bus, ids):
     for servo_id in ids:
         bus.read(servo_id, RegisterName.PRESENT_POSITION)
         assert 0.0 < bus.statistics[servo_id].round_trip_s(0.5) < 0.1

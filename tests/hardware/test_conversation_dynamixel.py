@@ -52,7 +52,7 @@ def test_servo_moves_to_written_goal(arm):
     assert servos[1].read("present_position") == pytest.approx(goal_tick, abs=10)
 
 
-def test_torque_off_switches_torque_off(arm):
+def test_torque_off_call_switches_servo_torque_off(arm):
     bus, servos = arm
     torque_on(bus, 1)
     assert torque_off(bus, IDS) == {}
@@ -96,7 +96,7 @@ def test_eeprom_limit_persists_and_is_not_written_twice(arm):
     assert update_eeprom(bus, 4, wanted) == []
 
 
-def test_eeprom_read_holds_every_eeprom_register(arm):
+def test_eeprom_read_contains_every_eeprom_register(arm):
     bus, servos = arm
     backup = read_eeprom(bus, 4)
     assert backup == {name: servos[4].read(name) for name in backup}
@@ -128,7 +128,7 @@ def test_silent_servo_does_not_affect_replies_of_others(arm):
     assert isinstance(readings.errors[3], ServoSilentError)
 
 
-def test_shadow_follows_goal_of_leader_and_answers_at_own_id(simulated):
+def test_second_servo_of_joint_follows_first_and_has_own_id(simulated):
     bus, servos = simulated("vx300s")
     for servo_id in (3, 2):
         torque_on(bus, servo_id)

@@ -50,7 +50,7 @@ def test_servos_move_to_written_goals(arm):
     assert servos[1].read("present_position") == pytest.approx(goals[1], abs=10)
 
 
-def test_registered_goals_start_together_on_action(arm):
+def test_registered_goals_start_together_on_action_instruction(arm):
     bus, servos = arm
     for servo_id in (1, 5):
         torque_on(bus, servo_id)
@@ -63,7 +63,7 @@ def test_registered_goals_start_together_on_action(arm):
     assert [servos[i].read("goal_position") for i in (1, 5)] == [2100, 2100]
 
 
-def test_torque_off_reaches_others_though_one_is_silent(arm):
+def test_torque_off_reaches_others_although_one_is_silent(arm):
     bus, servos = arm
     for servo_id in IDS:
         torque_on(bus, servo_id)
@@ -93,7 +93,7 @@ def test_alarm_is_reported_along_with_values(arm):
     assert sorted(readings.require_all()) == list(IDS)
 
 
-def test_wrong_baud_rate_makes_all_servos_silent(simulated):
+def test_all_servos_are_silent_at_wrong_baud_rate(simulated):
     bus, _ = simulated("so101", baud_rate=115_200)
     with pytest.raises(ServoSilentError, match="all baud rates"):
         bus.sync_read(IDS, RegisterName.PRESENT_POSITION).require_all()
@@ -114,7 +114,7 @@ def test_homing_offset_persists_and_is_not_written_twice(arm):
     assert update_eeprom(bus, 1, {STS3215.homing_offset: -100}) == []
 
 
-def test_eeprom_read_holds_every_eeprom_register(arm):
+def test_eeprom_read_contains_every_eeprom_register(arm):
     bus, servos = arm
     backup = read_eeprom(bus, 4)
     assert backup == {name: servos[4].read(name) for name in backup}
@@ -122,7 +122,7 @@ def test_eeprom_read_holds_every_eeprom_register(arm):
 
 
 @pytest.mark.usefixtures("plain_line")
-def test_cycle_of_six_servos_uses_over_85_percent_of_wire_time(arm):
+def test_six_servo_cycle_uses_over_85_percent_of_bus_bandwidth(arm):
     bus, _ = arm
     ticks = {servo_id: torque_on(bus, servo_id) for servo_id in IDS}
     started_s, cycles = bus.clock.now_s(), 50

@@ -83,13 +83,13 @@ def test_duplicate_id_error_names_joint_and_setup_command():
 @both
 @pytest.mark.parametrize("adapter", [None, ECHO, FTDI], ids=["plain", "echo", "FTDI"])
 @pytest.mark.parametrize("seed", range(5))
-def test_faulty_bus_is_not_taken_for_duplicate_ids(models, adapter, seed):
+def test_bus_faults_are_not_reported_as_duplicate_ids(models, adapter, seed):
     bus = make_bus(models, seed=seed, adapter=adapter)
     add_faults(bus, *EVERYTHING)
     assert find_duplicate_ids(bus) == []
 
 
-def test_echo_is_not_taken_for_duplicate_id():
+def test_bus_echo_is_not_reported_as_duplicate_id():
     assert find_duplicate_ids(make_bus({1: "STS3215"}, adapter=ECHO)) == []
 
 
@@ -102,7 +102,7 @@ def test_identify_finds_model_of_every_family(model):
 
 
 @both
-def test_silent_servo_is_not_a_duplicate_id(models):
+def test_silent_servo_is_not_reported_as_duplicate_id(models):
     bus = make_bus(models)
     add_faults(bus, ("silent", {"id": 3}))
     assert find_duplicate_ids(bus) == []

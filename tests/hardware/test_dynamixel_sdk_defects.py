@@ -47,12 +47,12 @@ class TestD1StuffingForgotten:
 
     HEADER_LIKE = (0xFF, 0xFF, 0xFD, 0x00)
 
-    def test_sdk_sends_header_like_data_unstuffed(self, stock, line):
+    def test_sdk_does_not_stuff_data_that_looks_like_header(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 09 00 03 74 00 FF FF FD 00 C9 07")
         handler.write4ByteTxOnly(port, 1, 116, 0x00FDFFFF)
 
-    def test_driver_stuffs_header_like_data(self, port, line):
+    def test_driver_stuffs_data_that_looks_like_header(self, port, line):
         line.expect("FF FF FD 00 01 0A 00 03 74 00 FF FF FD FD 00 21 E7", TAKEN)
         DynamixelDriver(port).write(1, 116, bytes(self.HEADER_LIKE))
 
@@ -78,7 +78,7 @@ class TestD2UnstuffingLosesAByte:
         assert unstuff(stuff(data)) == data
 
     @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00]), max_size=24).map(bytes))
-    def test_stuffed_bytes_do_not_hold_header(self, data):
+    def test_stuffed_bytes_do_not_contain_header(self, data):
         assert bytes.fromhex("FF FF FD 00") not in stuff(data)
 
 
@@ -99,7 +99,7 @@ class TestD3RefusalWithoutData:
 class TestD4RefusalInSyncRead:
     """A servo that refuses in a sync read counts as one that answered."""
 
-    def test_sdk_reports_rejected_read_as_available_then_crashes(self, stock, line):
+    def test_sdk_crashes_on_value_of_rejected_read(self, stock, line):
         handler, port = stock
         group = dynamixel_sdk.GroupSyncRead(port, handler, 132, 4)
         group.addParam(1)
@@ -117,7 +117,7 @@ class TestD4RefusalInSyncRead:
         assert isinstance(readings.errors[1], ServoRejectedError)
 
 
-def test_driver_discards_stale_input(dynamixel, line):
+def test_driver_discards_stale_input_before_request(dynamixel, line):
     line.add_stale("FF FF FD 00 01 08 00 55 00 A7 00 00 00 8F 54")
     line.expect(READ_POSITION, AT_166)
     assert dynamixel.read(1, POSITION, raw=True) == 166
@@ -173,7 +173,7 @@ class TestD9BusyFlag:
 class TestD10Action:
     """An action to one servo is answered, and the reply stays in the input."""
 
-    def test_sdk_leaves_action_reply_in_buffer(self, stock, line):
+    def test_sdk_leaves_reply_to_action_in_buffer(self, stock, line):
         handler, port = stock
         line.expect("FF FF FD 00 01 03 00 05 02 CE", TAKEN, after_s=0.0)
         handler.action(port, 1)
@@ -188,11 +188,11 @@ class TestD10Action:
 class TestD14Echo:
     """Some adapters return the request itself."""
 
-    def test_echo_before_reply_is_skipped(self, dynamixel, line):
+    def test_bus_echo_before_reply_is_skipped(self, dynamixel, line):
         line.expect(READ_POSITION, READ_POSITION, AT_166)
         assert dynamixel.read(1, POSITION, raw=True) == 166
 
-    def test_echo_without_reply_is_silence(self, dynamixel, line):
+    def test_echo_without_reply_raises_servo_silent_error(self, dynamixel, line):
         line.expect(READ_POSITION, READ_POSITION)
         with pytest.raises(ServoSilentError):
             dynamixel.read(1, POSITION)
@@ -201,7 +201,7 @@ class TestD14Echo:
 @pytest.mark.parametrize(
     "noise", ["00", "FF", "FF FF FD 00", "FF FF FD 00 01 08 00", "FF FF FD 00 01 FF 03 55"]
 )
-def test_noise_before_reply_is_skipped(dynamixel, line, noise):
+def test_bus_noise_before_reply_is_skipped(dynamixel, line, noise):
     line.expect(READ_POSITION, noise + AT_166)
     assert dynamixel.read(1, POSITION, raw=True) == 166
 
@@ -218,7 +218,7 @@ def test_silent_servo_does_not_affect_sync_read_values_of_others(dynamixel, line
     assert readings.values == {2: 2079}
 
 
-def test_reply_in_single_bytes_is_assembled(dynamixel, line):
+def test_reply_received_in_single_bytes_is_assembled(dynamixel, line):
     line.script.append(
         (
             bytes.fromhex(READ_POSITION),

@@ -20,12 +20,12 @@ WRITE_MINUS_100 = "FF FF 01 05 03 1F 64 08 6B"
 WANTED = {STS3215.homing_offset: -100}
 
 
-def test_eeprom_value_already_held_is_not_written(feetech, line):
+def test_unchanged_eeprom_value_is_not_written(feetech, line):
     line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, LOCKED)
     assert update_eeprom(feetech, 1, WANTED) == []
 
 
-def test_eeprom_left_unlocked_is_locked(feetech, line):
+def test_eeprom_found_unlocked_is_locked(feetech, line):
     line.expect(READ_OFFSET, OFFSET_MINUS_100).expect(READ_LOCK, OPEN).expect(LOCK, TAKEN)
     assert update_eeprom(feetech, 1, WANTED) == []
 
@@ -68,7 +68,7 @@ def test_eeprom_update_of_unsuitable_register_sends_nothing(feetech, register, w
         update_eeprom(feetech, 1, {register: 7})
 
 
-def test_register_differences_writes_nothing(feetech, line):
+def test_comparing_registers_writes_nothing(feetech, line):
     line.expect(READ_OFFSET, OFFSET_0)
     (difference,) = register_differences(feetech, 1, WANTED)
     assert difference.expected == -100

@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 @pytest.mark.campaign
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("mode", MODES)
-def test_hardware_tests_pass_in_every_port_mode(mode):
+def test_hardware_tests_pass_with_every_port_mode(mode):
     words = [sys.executable, "-m", "pytest", "-q", "-n", "auto", str(HERE), "--line", mode]
     done = subprocess.run(words, capture_output=True, text=True, cwd=HERE.parents[1], check=False)
     assert done.returncode == 0, done.stdout[-4000:]

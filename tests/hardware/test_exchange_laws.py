@@ -51,7 +51,7 @@ def test_packet_is_decoded_as_it_was_encoded(packet, scan, servo_id, error, para
 
 @both
 @given(before=noise, servo_id=ids, parameters=data)
-def test_noise_before_packet_never_hides_it(packet, scan, before, servo_id, parameters):
+def test_noise_before_packet_does_not_hide_packet(packet, scan, before, servo_id, parameters):
     received = bytes(before) + packet(servo_id, 0, parameters)
     assume(not scan(received[:-1], (2,), final=True).frames)  # such noise is a packet by itself
     assert scan(received, (2,), final=True).frames == (StatusPacket(servo_id, 0, parameters),)
@@ -59,7 +59,7 @@ def test_noise_before_packet_never_hides_it(packet, scan, before, servo_id, para
 
 @both
 @given(servo_id=ids, parameters=data, cut=st.integers(min_value=1))
-def test_incomplete_packet_is_kept_as_pending(packet, scan, servo_id, parameters, cut):
+def test_incomplete_packet_stays_in_receive_buffer(packet, scan, servo_id, parameters, cut):
     whole = packet(servo_id, 0, parameters)
     beginning = whole[: 1 + cut % (len(whole) - 1)]
     received = scan(beginning, (2,), final=False)
@@ -79,7 +79,7 @@ def test_packet_with_flipped_bit_never_yields_other_data(
 
 @both
 @given(anything=st.binary(max_size=64), final=st.booleans())
-def test_scanner_survives_any_bytes(packet, scan, anything, final):
+def test_packet_scanner_survives_random_bytes(packet, scan, anything, final):
     received = scan(anything, (2,), final=final)
     assert 0 <= received.pending <= len(anything)
 

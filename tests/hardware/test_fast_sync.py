@@ -34,7 +34,7 @@ def read(bus):
     return bus.sync_read((3, 7, 4), RegisterName.PRESENT_POSITION, raw=True)
 
 
-def test_fast_sync_read_takes_all_values_from_one_packet(bus, line):
+def test_fast_sync_read_gets_all_values_from_one_packet(bus, line):
     line.expect(FAST, COMBINED)
     assert read(bus).require_all() == TICKS
 
@@ -51,7 +51,7 @@ def test_missing_servo_in_fast_sync_does_not_affect_other_values(bus, line):
     assert read(bus).values == {3: 166, 4: 1023}
 
 
-def test_fast_sync_is_given_up_after_two_failures(bus, line):
+def test_fast_sync_read_is_disabled_after_two_failures(bus, line):
     for _ in range(2):
         line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
@@ -60,7 +60,7 @@ def test_fast_sync_is_given_up_after_two_failures(bus, line):
         assert read(bus).require_all() == TICKS
 
 
-def test_fast_sync_success_resets_failure_count(bus, line):
+def test_fast_sync_read_success_resets_failure_count(bus, line):
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect(FAST, COMBINED)
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
@@ -70,7 +70,7 @@ def test_fast_sync_success_resets_failure_count(bus, line):
         assert read(bus).require_all() == TICKS
 
 
-def test_fast_sync_read_is_longer_while_a_reply_is_pending(bus, line):
+def test_fast_sync_read_asks_for_more_while_reply_is_pending(bus, line):
     line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     line.expect("FF FF FD 00 FE 0A 00 8A 83 00 05 00 03 07 04 28 F5")
     line.expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
@@ -100,7 +100,7 @@ def test_fast_sync_reports_rejection_per_servo(bus, line):
     assert isinstance(readings.errors[7], ServoRejectedError)
 
 
-def test_fast_sync_is_tried_again_after_200_sync_reads(bus, line):
+def test_fast_sync_read_is_tried_again_after_200_sync_reads(bus, line):
     for _ in range(2):
         line.expect(FAST).expect(SLOW, SLOW_3, SLOW_7, SLOW_4)
     for _ in range(198):

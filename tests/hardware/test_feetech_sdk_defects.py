@@ -33,7 +33,7 @@ def stock(stock_port):
 class TestF1StaleInput:
     """clearPort waits for output and discards no input."""
 
-    def test_sdk_takes_late_reply_for_next_one(self, stock, line):
+    def test_sdk_mistakes_late_reply_for_next_one(self, stock, line):
         handler, port = stock
         line.add_stale(AT_5)
         line.expect(READ_POSITION, AT_2048)
@@ -44,7 +44,7 @@ class TestF1StaleInput:
         line.expect(READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
-    def test_driver_varies_requests_to_reject_late_replies(self, feetech, line):
+    def test_driver_varies_request_length_to_reject_late_reply(self, feetech, line):
         line.expect(READ_POSITION, AT_5, after_s=0.0028)
         line.expect("FF FF 01 04 02 37 03 BE", "FF FF 01 05 00 01 00 08 F0")
         with pytest.raises(ServoSilentError):
@@ -120,7 +120,7 @@ class TestF5TwoPrograms:
 class TestF6BaudRates:
     """The SDK's list lacks rates that the servos have."""
 
-    def test_sdk_keeps_old_baud_rate_silently(self, stock):
+    def test_sdk_keeps_old_baud_rate_without_error(self, stock):
         _, port = stock
         assert port.setBaudRate(76_800) is False
         assert port.getBaudRate() == 1_000_000
@@ -185,7 +185,7 @@ class TestF9ByteOrder:
         yield scservo_sdk.PacketHandler(1)
         scservo_sdk.PacketHandler(0)
 
-    def test_sdk_swaps_bytes_after_use_of_other_family(self, stock, line):
+    def test_sdk_swaps_byte_order_after_use_of_other_servo_family(self, stock, line):
         handler, port = stock
         scservo_sdk.PacketHandler(1)
         line.expect(READ_POSITION, AT_2048)
@@ -229,12 +229,12 @@ class TestF11FalseHeader:
 
     NOISE = "FF FF 01 F0 00"
 
-    def test_sdk_loses_reply_behind_noise_like_long_packet(self, stock, line):
+    def test_sdk_loses_reply_after_noise_like_long_packet(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, self.NOISE + AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_RX_CORRUPT
 
-    def test_driver_finds_reply_behind_noise_like_long_packet(self, feetech, line):
+    def test_driver_finds_reply_after_noise_like_long_packet(self, feetech, line):
         line.expect(READ_POSITION, self.NOISE + AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
@@ -242,26 +242,26 @@ class TestF11FalseHeader:
 class TestF12Echo:
     """On an adapter with echo, the request is mistaken for its reply."""
 
-    def test_sdk_takes_echo_for_reply(self, stock, line):
+    def test_sdk_mistakes_echo_for_reply(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         assert handler.read2ByteTxRx(port, 1, 56)[0] == 568
 
-    def test_driver_skips_echo(self, feetech, line):
+    def test_driver_skips_echo_of_its_request(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         assert feetech.read(1, POSITION, raw=True) == 2048
 
-    def test_echo_without_reply_is_silence(self, feetech, line):
+    def test_echo_without_reply_raises_servo_silent_error(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION)
         with pytest.raises(ServoSilentError):
             feetech.read(1, POSITION)
 
-    def test_ping_reply_with_voltage_alarm_is_not_an_echo(self, feetech, line):
+    def test_ping_reply_with_voltage_alarm_is_not_taken_for_echo(self, feetech, line):
         line.expect(PING, PING)
         line.expect("FF FF 01 04 02 03 02 F3", "FF FF 01 04 01 09 03 ED")
         assert feetech.ping(1).model_number == 777
 
-    def test_echoed_ping_is_silence_once_echo_is_known(self, feetech, line):
+    def test_echoed_ping_counts_as_silence_once_echo_is_known(self, feetech, line):
         line.expect(READ_POSITION, READ_POSITION, AT_2048)
         line.expect("FF FF 02 02 01 FA", "FF FF 02 02 01 FA")
         feetech.read(1, POSITION)
@@ -274,7 +274,7 @@ class TestF13ForeignLength:
 
     ONE_BYTE = "FF FF 01 03 00 20 DB"
 
-    def test_sdk_takes_checksum_of_short_reply_for_data(self, stock, line):
+    def test_sdk_mistakes_checksum_of_short_reply_for_data(self, stock, line):
         handler, port = stock
         line.expect(READ_POSITION, self.ONE_BYTE)
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_SUCCESS
@@ -287,7 +287,7 @@ class TestF13ForeignLength:
 class TestF14Ping:
     """A ping is two requests, and fails if only the first is answered."""
 
-    def test_sdk_ping_times_out_though_servo_answered(self, stock, line):
+    def test_sdk_ping_times_out_although_servo_replied(self, stock, line):
         handler, port = stock
         line.expect(PING, "FF FF 01 02 00 FC")
         line.expect("FF FF 01 04 02 03 02 F3")
@@ -324,7 +324,7 @@ class TestF17Threads:
         port.is_using = True  # the first thread is between question and answer
         assert handler.read2ByteTxRx(port, 1, 56)[1] == COMM_PORT_BUSY
 
-    def test_driver_lets_second_thread_wait(self, feetech, line, port):
+    def test_driver_makes_second_thread_wait(self, feetech, line, port):
         line.expect(READ_POSITION, AT_2048)
         found = []
         second = threading.Thread(target=lambda: found.append(feetech.read(1, POSITION, raw=True)))

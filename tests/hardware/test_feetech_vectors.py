@@ -28,7 +28,7 @@ def test_position_is_read_in_radians(feetech, line):
     assert feetech.read(1, STS3215.present_position) == pytest.approx(3.14159265)
 
 
-def test_overload_alarm_leaves_position_valid(feetech, line):
+def test_position_stays_valid_with_overload_alarm(feetech, line):
     line.expect("FF FF 01 04 02 38 02 BE", "FF FF 01 04 20 00 08 D2")
     assert feetech.read(1, STS3215.present_position, raw=True) == 2048
     assert feetech.alarms[1] == {Alarm.OVERLOAD}

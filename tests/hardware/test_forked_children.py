@@ -91,13 +91,13 @@ FORKED = "opened by the parent process before the fork"
 
 @pytest.mark.parametrize("use", USES.values(), ids=USES)
 @pytest.mark.parametrize("name", ["pty", "sim"])
-def test_forked_child_cannot_use_port_and_says_why(pty_name, name, use):
+def test_forked_child_that_uses_port_gets_clear_error(pty_name, name, use):
     with open_port(pty_name if name == "pty" else SIM, 1_000_000) as port:
         assert FORKED in in_fork(lambda: message_of(lambda: use(port)))
         assert message_of(lambda: use(port)) == "done"
 
 
-def test_child_forked_during_exchange_fails_at_once():
+def test_child_forked_during_bus_access_fails_at_once():
     servos = [ServoSpec(1, STS3215, "shoulder_pan")]
     held, done = threading.Event(), threading.Event()
     with open_port(SIM, 1_000_000) as port:
@@ -132,7 +132,7 @@ def test_child_forked_during_exchange_fails_at_once():
         assert bus.read(1, RegisterName.TORQUE_ENABLE, raw=True) == 0
 
 
-def test_child_opens_port_while_parent_thread_opens_another(pty_name, monkeypatch):
+def test_forked_child_opens_port_while_parent_opens_another(pty_name, monkeypatch):
     opening, done = threading.Event(), threading.Event()
 
     def open_slowly(*_):
@@ -155,7 +155,7 @@ def test_child_opens_port_while_parent_thread_opens_another(pty_name, monkeypatc
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_forked_child_has_no_open_lock_of_port(pty_name, tmp_path):
+def test_forked_child_holds_no_port_lock(pty_name, tmp_path):
     lock = lock_name(pty_name, tmp_path)
     with open_port(pty_name, 1_000_000):
         assert lock in descriptors()
@@ -167,7 +167,7 @@ def lock_name(device, folder):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
-def test_started_program_does_not_inherit_port_lock(pty_name, tmp_path):
+def test_subprocess_does_not_inherit_port_lock(pty_name, tmp_path):
     with open_port(pty_name, 1_000_000):
         command = ["ls", "-l", "/proc/self/fd"]
         listing = subprocess.run(
@@ -177,7 +177,7 @@ def test_started_program_does_not_inherit_port_lock(pty_name, tmp_path):
     assert lock_name(pty_name, tmp_path) not in listing
 
 
-def test_forked_child_of_killed_owner_does_not_keep_port(pty_name):
+def test_forked_child_of_killed_program_does_not_keep_port(pty_name):
     owner = subprocess.Popen(
         [sys.executable, "-c", OWNER, pty_name], stdout=subprocess.PIPE, text=True
     )
@@ -192,14 +192,14 @@ def test_forked_child_of_killed_owner_does_not_keep_port(pty_name):
         owner.stdout.close()
 
 
-def test_end_of_child_leaves_port_lock_of_parent(pty_name):
+def test_end_of_forked_child_keeps_port_lock_of_parent(pty_name):
     with open_port(pty_name, 1_000_000) as port:
         in_fork(port.close)
         with pytest.raises(PortError, match="in use by"):
             acquire_lock(pty_name)
 
 
-def test_child_that_closes_listener_leaves_parent_listening(short_folder):
+def test_listener_closed_in_forked_child_stays_open_in_parent(short_folder):
     listener = serve(str(short_folder / "device"), lambda _: {})
     place = listener._listening.path
     assert in_fork(listener.close) == "None"

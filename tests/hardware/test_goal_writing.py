@@ -51,7 +51,7 @@ def test_goal_inside_range_or_towards_it_is_written(bus, confirmed):
 
 
 @pytest.mark.full
-def test_only_goal_writing_module_writes_goals():
+def test_only_one_source_module_writes_goal_registers():
     package = Path(ikservo.__file__).parent
     found = {
         str(path.relative_to(package))

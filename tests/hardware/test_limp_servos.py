@@ -49,7 +49,7 @@ def test_goal_write_with_torque_off_is_refused(model, write):
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("by_this_bus", [True, False])
-def test_prepared_goal_is_refused_once_torque_is_off(model, by_this_bus):
+def test_prepared_goal_packet_is_refused_after_torque_off(model, by_this_bus):
     bus, at_tick = limp_bus(model)
     torque_on(bus, 1)
     bus.reg_write(1, GOAL, at_tick + 20, raw=True)
@@ -64,7 +64,7 @@ def test_prepared_goal_is_refused_once_torque_is_off(model, by_this_bus):
     assert simulated_servos(bus)[1].read("goal_position") != at_tick + 20
 
 
-def test_prepared_goal_is_executed_while_torque_is_on():
+def test_prepared_goal_packet_is_sent_while_torque_is_on():
     bus, at_tick = limp_bus("STS3215")
     torque_on(bus, 1)
     bus.reg_write(1, GOAL, at_tick + 20, raw=True)
@@ -76,7 +76,7 @@ def test_prepared_goal_is_executed_while_torque_is_on():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_torque_switched_on_by_another_program_is_noticed(model):
+def test_torque_switched_on_by_another_program_is_detected(model):
     bus, at_tick = limp_bus(model)
     simulated_servos(bus)[1].write("torque_enable", 1)
     bus.write(1, GOAL, at_tick + 5, raw=True)
@@ -91,7 +91,7 @@ def test_torque_switched_off_by_this_bus_is_remembered():
         bus.write(2, GOAL, 2048, raw=True)
 
 
-def test_enabling_refuses_goal_far_from_measured_position():
+def test_torque_on_refuses_goal_far_from_measured_position():
     bus, at_tick = limp_bus("STS3215")
     with (
         pytest.raises(RegisterAccessError, match="far from"),
@@ -101,7 +101,7 @@ def test_enabling_refuses_goal_far_from_measured_position():
     assert not holds(bus)
 
 
-def test_servo_switched_on_by_goal_goes_off_if_enabling_fails():
+def test_torque_switched_on_by_goal_goes_off_if_enabling_fails():
     bus, at_tick = limp_bus("STS3215")
 
     def fail():
@@ -141,7 +141,7 @@ def test_servo_torque_goes_off_if_enabling_is_incomplete():
     assert not holds(bus)
 
 
-def test_silence_during_torque_on_leaves_torque_off():
+def test_silent_servo_during_torque_on_leaves_torque_off():
     bus, _ = limp_bus("STS3215")
     add_faults(bus, ("silent", {"id": 1, "at_s": bus.clock.now_s() + 0.002, "for_s": 0.05}))
     with pytest.raises(ServoSilentError):
@@ -174,7 +174,7 @@ def test_torque_on_refuses_continuous_rotation(model):
 
 
 @pytest.mark.parametrize(("outside", "switched_on"), [(30, True), (600, False)])
-def test_torque_on_outside_limits_works_only_close_to_them(outside, switched_on):
+def test_torque_on_outside_limits_works_only_near_limit(outside, switched_on):
     bus, at_tick = limp_bus("STS3215")
     simulated_servos(bus)[1].write("max_position_limit", at_tick - outside)
     if switched_on:
@@ -185,7 +185,7 @@ def test_torque_on_outside_limits_works_only_close_to_them(outside, switched_on)
     assert holds(bus) == switched_on
 
 
-def test_other_registers_may_be_written_with_torque_off():
+def test_registers_other_than_goal_are_writable_with_torque_off():
     bus, _ = limp_bus("STS3215")
     bus.bulk_write({1: {STS3215.acceleration: 9, STS3215.goal_speed: 100}}, raw=True)
     bus.ping(1)

@@ -43,7 +43,7 @@ def test_ping_sweep_receives_replies_delayed_by_adapter(on_line, arm, framing, l
     assert found_ids.junk == 0
 
 
-def test_ping_sweep_in_other_protocol_finds_nothing(on_line):
+def test_ping_sweep_in_wrong_protocol_finds_no_servo(on_line):
     assert ping_ids(on_line("so101"), TWO, TWO.ids).frames == {}
 
 
@@ -53,7 +53,7 @@ def test_ping_sweep_recognises_echo_and_does_not_count_it(on_line):
     assert sorted(found_ids.frames) == [1, 2, 3, 4, 5, 6]
 
 
-def test_ping_sweep_takes_echo_like_alarm_for_reply(on_line):
+def test_ping_sweep_accepts_alarm_reply_that_looks_like_echo(on_line):
     port = on_line("so101")
     port.transport.line.servos[4].inject_alarm(0x01)
     found_ids = ping_ids(port, ONE, ONE.ids)

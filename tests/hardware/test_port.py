@@ -42,7 +42,7 @@ class TestOpening:
     @pytest.mark.parametrize(
         "name", ["socket://", "socket://host", "socket://h:99999", "rfc2217://"]
     )
-    def test_incomplete_url_is_answered_with_example(self, name):
+    def test_incomplete_port_url_error_shows_example(self, name):
         with pytest.raises(NoPortError, match=r"written as socket://192\.168\.1\.5:4000"):
             open_port(name, 1_000_000)
 
@@ -116,7 +116,7 @@ class TestOpening:
                 far_end.sendall(b"hello")
                 assert port.read_until(5, port.clock.now_s() + 10) == b"hello"
 
-    def test_port_plug_in_opens_urls_of_its_name(self, line, monkeypatch):
+    def test_port_plugin_opens_urls_of_its_scheme(self, line, monkeypatch):
         class EntryPoint:
             def load(self):
                 return lambda url: line if url == "echo:loud" else pytest.fail(url)
@@ -132,7 +132,7 @@ class TestOpening:
     @pytest.mark.parametrize(
         ("error", "expected"), [(ValueError("of 5"), InputError), (OSError("busy"), NoPortError)]
     )
-    def test_port_plug_in_error_is_reported_with_url(self, monkeypatch, error, expected):
+    def test_port_plugin_error_is_reported_with_url(self, monkeypatch, error, expected):
         def opener(_):
             raise error
 
@@ -175,7 +175,7 @@ class TestLosing:
         with pytest.raises(PortLostError, match="Lost connection"):
             orphan.clearPort()
 
-    def test_closing_lost_port_raises_nothing(self, orphan):
+    def test_closing_lost_port_raises_no_error(self, orphan):
         orphan.close()
         assert not orphan.is_open
 
@@ -183,11 +183,11 @@ class TestLosing:
 class TestTime:
     """Waits are as long as the request needs, on the port's own clock."""
 
-    def test_real_port_has_real_clock(self, pty_name):
+    def test_hardware_port_uses_real_clock(self, pty_name):
         with open_port(pty_name, 1_000_000) as port:
             assert isinstance(port.clock, RealClock)
 
-    def test_expected_reply_time_includes_wire_time_and_delay(self, line):
+    def test_reply_time_includes_transmission_and_return_delay(self, line):
         port = Port(line, "scripted", 57_600)
         line.expect("00 00 00 00 00 00 00 00 00 00")
         port.writePort(bytes(10))
@@ -215,14 +215,14 @@ class TestTime:
             del type(line).timeout
         assert times == [0.0028]
 
-    def test_sdk_packet_time_out_follows_packet_length(self, port, line):
+    def test_sdk_packet_time_out_grows_with_packet_length(self, port, line):
         port.setPacketTimeout(100)
         line.clock.sleep_until(0.0019)
         assert not port.isPacketTimeout()
         line.clock.sleep_until(0.0021)
         assert port.isPacketTimeout()
 
-    def test_expected_reply_time_counts_from_last_written_byte(self, line):
+    def test_expected_reply_time_starts_at_last_written_byte(self, line):
         port = Port(line, "scripted", 57_600)
         line.expect("00 " * 100).expect("00 " * 8)
         port.writePort(bytes(100))
@@ -274,7 +274,7 @@ class TestTimeout:
             assert port.reply_timeout.timeout_s == 0.012
 
 
-def test_mainboard_ports_are_not_listed(monkeypatch):
+def test_built_in_serial_ports_are_not_listed(monkeypatch):
     ports = [SimpleNamespace(device=f"/dev/{name}") for name in ("ttyS0", "ttyUSB0", "ttyAMA0")]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
     assert serial_ports.list_devices() == ["/dev/ttyAMA0", "/dev/ttyUSB0"]

@@ -49,27 +49,27 @@ def test_second_open_names_process_that_holds_port(pty_name, holder):
         open_port(pty_name, 1_000_000)
 
 
-def test_symbolic_link_leads_to_same_port_lock(pty_name, holder, tmp_path):
+def test_symbolic_link_to_port_uses_same_port_lock(pty_name, holder, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(pty_name)
     with pytest.raises(PortBusyError, match="in use by"):
         open_port(str(link), 1_000_000)
 
 
-def test_port_lock_is_freed_when_its_process_dies(pty_name, holder):
+def test_port_lock_is_released_when_its_process_dies(pty_name, holder):
     holder.send_signal(signal.SIGKILL)
     holder.wait()
     with open_port(pty_name, 1_000_000) as port:
         assert port.is_open
 
 
-def test_closing_port_frees_its_lock(pty_name):
+def test_closing_port_releases_its_lock(pty_name):
     open_port(pty_name, 1_000_000).close()
     with acquire_lock(pty_name):
         pass
 
 
-def test_port_that_cannot_be_opened_does_not_leave_lock(tmp_path):
+def test_port_that_cannot_be_opened_leaves_no_lock(tmp_path):
     missing = str(tmp_path / "ttyMISSING")
     with pytest.raises(OSError, match="Cannot open"):
         open_port(missing, 1_000_000)
@@ -92,7 +92,7 @@ LONG = pytest.param(100, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)]
 
 @pytest.mark.full
 @pytest.mark.parametrize("races", [1, LONG])
-def test_one_of_racing_processes_gets_port_lock(pty_name, races):
+def test_only_one_of_racing_processes_gets_port_lock(pty_name, races):
     chance = random.Random(3)
     for race in range(races):
         racers = [start(pty_name) for _ in range(chance.randint(2, 8) if race else 4)]

@@ -112,7 +112,7 @@ def test_remote_servos_are_read_and_written_together(bus):
 
 
 @pytest.mark.sample(1)
-def test_remote_cycles_are_not_delayed_by_nagle(bus):
+def test_network_port_disables_nagle_delay(bus):
     goals = {i: torque_on(bus, i) for i in (1, 2)}
     begin_s = time.monotonic()
     for _ in range(60):  # with Nagle's algorithm, ten a second

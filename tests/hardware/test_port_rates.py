@@ -17,7 +17,7 @@ SPECIAL = [76_800, 250_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000]
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals take any rate")
 
 
-def test_special_baud_rates_are_listed():
+def test_non_standard_baud_rates_are_listed():
     assert set(SPECIAL) <= set(RATES)
 
 
@@ -37,7 +37,7 @@ def test_open_port_changes_to_every_listed_baud_rate(pty_name, rate):
         assert port.transport.baudrate == rate
 
 
-def test_baud_rate_refused_by_adapter_leaves_old_one(port, line):
+def test_baud_rate_refused_by_adapter_keeps_old_one(port, line):
     def refuse(self, rate):
         if rate == 4_500_000:
             raise ValueError("invalid rate")

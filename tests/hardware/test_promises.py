@@ -107,7 +107,7 @@ def test_silent_servo_is_reported_in_same_cycle(models):
 
 
 @six
-def test_servo_that_answers_again_is_back_within_300_ms(models):
+def test_servo_that_answers_again_is_read_within_300_ms(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("silent", {"id": 3, "for_s": 0.1, "at_s": bus.clock.now_s()}))
@@ -143,7 +143,7 @@ def test_protocol_2_alert_is_reported_and_explained_on_request():
 
 
 @six
-def test_goals_arrive_though_10_percent_of_packets_are_lost(models):
+def test_goals_arrive_with_10_percent_of_packets_lost(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     add_faults(bus, ("lost", {"probability": 0.1}))
@@ -181,7 +181,7 @@ def eeprom_writes(bus):
     return simulated_servos(bus)[1].memory.eeprom_writes
 
 
-def test_ordinary_run_does_not_write_eeprom():
+def test_ordinary_bus_use_does_not_write_eeprom():
     bus = make_bus(SIX["Feetech"])
     goals = goals_of(bus)
     before = eeprom_writes(bus)
@@ -194,7 +194,7 @@ def test_ordinary_run_does_not_write_eeprom():
 
 
 @pytest.mark.parametrize("packet", range(14))
-def test_eeprom_update_repairs_run_that_died_at_any_packet(packet):
+def test_eeprom_update_completes_after_kill_at_any_packet(packet):
     bus = make_bus({1: "STS3215"})
     die_at(bus, packet)
     with pytest.raises(KeyboardInterrupt):
@@ -250,7 +250,7 @@ def test_eeprom_that_does_not_persist_is_reported_and_locked(model):
 
 @six
 @pytest.mark.parametrize("adapter", [PLAIN, ECHO], ids=["plain", "echo"])
-def test_reply_in_single_bytes_is_assembled(models, adapter, monkeypatch):
+def test_reply_received_in_single_bytes_is_assembled(models, adapter, monkeypatch):
     bus = make_bus(models, adapter=adapter)
     read = bus.port.transport.read
     monkeypatch.setattr(bus.port.transport, "read", lambda size=1: read(min(size, 1)))
@@ -264,7 +264,7 @@ def test_reply_in_single_bytes_is_assembled(models, adapter, monkeypatch):
 
 @pytest.mark.usefixtures("plain_line")
 @six
-def test_cycle_of_six_servos_uses_85_percent_of_wire_time(models):
+def test_six_servo_cycle_uses_85_percent_of_bus_bandwidth(models):
     bus = make_bus(models)
     goals = goals_of(bus)
     for _ in range(60):

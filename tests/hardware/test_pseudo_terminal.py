@@ -39,7 +39,7 @@ def test_other_port_names_are_not_pseudo_terminals(name):
     assert not is_pseudo_terminal(name)
 
 
-def test_hints_for_simulated_bus_do_not_mention_plugs(served):
+def test_hints_for_simulated_bus_do_not_mention_cables(served):
     servo = ServoSpec(1, MODELS["STS3215"])
     with (
         ServoBus(open_port(served, 1_000_000), [servo]) as bus,

@@ -77,7 +77,7 @@ def test_reconnect_finds_adapter_under_its_new_name(set_adapters, new_pty):
     port.close()
 
 
-def test_reconnect_forgets_echo_and_health_of_old_port(set_adapters, new_pty):
+def test_reconnect_resets_echo_and_line_health_of_old_port(set_adapters, new_pty):
     (old, _), (new, _) = new_pty(), new_pty()
     port = open_port(old, 1_000_000)
     port.echoes, health = True, port.health
@@ -115,7 +115,7 @@ def test_adapter_without_serial_number_reconnects_by_old_name(set_adapters, new_
 
 
 @pytest.mark.parametrize("moment", range(20))
-def test_unplugged_cable_raises_error_before_the_deadline(new_pty, moment):
+def test_unplugged_cable_raises_error_before_read_deadline(new_pty, moment):
     name, (master, slave) = new_pty()
     port = open_port(name, 1_000_000)
     os.close(slave)
@@ -130,7 +130,7 @@ def test_unplugged_cable_raises_error_before_the_deadline(new_pty, moment):
     port.close()
 
 
-def test_port_connect_resets_what_was_learned_of_old_line():
+def test_port_connect_resets_learned_time_outs_and_echo():
     port = Port(make_transport({1: "STS3215"}), "old", 1_000_000)
     new = Port(make_transport({1: "STS3215"}), "new", 57_600)
     lock, kept = port.lock, vars(port).keys()

@@ -47,7 +47,7 @@ def value_or_loss(bus, register):
 
 @both
 @pytest.mark.parametrize("delay_s", [0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
-def test_late_reply_never_answers_later_request(bus, model, delay_s):
+def test_late_reply_is_never_taken_for_later_request(bus, model, delay_s):
     add_faults(bus, ("late", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     with pytest.raises(ServoSilentError):
@@ -58,7 +58,7 @@ def test_late_reply_never_answers_later_request(bus, model, delay_s):
 
 @both
 @pytest.mark.parametrize("delay_s", [0.0, 1e-5, 1e-4, 1e-3, 0.005, 0.015])
-def test_duplicated_reply_never_answers_another_request(bus, model, delay_s):
+def test_duplicate_reply_is_never_taken_for_another_request(bus, model, delay_s):
     add_faults(bus, ("duplicated", {"delay_s": delay_s, "count": 1}))
     held = simulated_servos(bus)[1].read(OTHERS[model].name)
     bus.read(1, LIMITS[model])
@@ -82,7 +82,7 @@ def test_late_write_reply_is_not_taken_for_next_write(bus, model):
     assert simulated_servos(bus)[1].read("goal_position") == 2000
 
 
-def test_write_without_repeat_waits_for_pending_replies(feetech, line):
+def test_write_that_cannot_be_retried_waits_for_late_replies(feetech, line):
     line.expect("FF FF 01 04 03 28 01 CE")
     line.expect("FF FF 01 04 03 28 80 4F", reply(1))
     with pytest.raises(ServoSilentError):
@@ -94,25 +94,25 @@ def test_write_without_repeat_waits_for_pending_replies(feetech, line):
 class TestHealthyLine:
     """The precautions cost next to nothing on a healthy line."""
 
-    def test_same_sync_read_is_sent_in_same_shape(self, feetech, line):
+    def test_repeated_sync_read_is_sent_unchanged(self, feetech, line):
         for _ in range(20):
             line.expect(sync_request([1, 2], 56, 2), reply(1, 0, 8), reply(2, 0, 8))
             feetech.sync_read([1, 2], RegisterName.PRESENT_POSITION)
 
-    def test_different_read_within_20_ms_is_one_byte_longer(self, feetech, line):
+    def test_other_read_within_20_ms_requests_one_more_byte(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(
             request(1, 10, 3), reply(1, 0, 255, 15)
         )
         feetech.read(1, STS3215.min_position_limit)
         assert feetech.read(1, STS3215.max_position_limit, raw=True) == 4095
 
-    def test_different_read_after_20_ms_keeps_its_length(self, feetech, line):
+    def test_other_read_after_20_ms_keeps_its_length(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(1, 11, 2), reply(1, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         line.clock.s += 0.021
         feetech.read(1, STS3215.max_position_limit)
 
-    def test_read_of_another_servo_keeps_its_length(self, feetech, line):
+    def test_read_of_another_servo_keeps_requested_length(self, feetech, line):
         line.expect(request(1, 9, 2), reply(1, 0, 0)).expect(request(2, 11, 2), reply(2, 255, 15))
         feetech.read(1, STS3215.min_position_limit)
         feetech.read(2, STS3215.max_position_limit)
@@ -126,26 +126,26 @@ class TestNewOrOddLine:
         port.health = LineHealth(clean_requests=5)
         return feetech
 
-    def test_two_equal_readings_are_accepted_on_suspect_line(self, suspecting_bus, line):
+    def test_two_equal_readings_are_accepted_on_unreliable_line(self, suspecting_bus, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 5, 0))
         assert suspecting_bus.read(1, STS3215.min_position_limit, raw=True) == 5
 
-    def test_two_different_readings_are_refused_on_suspect_line(self, suspecting_bus, line):
+    def test_two_different_readings_on_unreliable_line_are_refused(self, suspecting_bus, line):
         line.expect(request(1, 9, 2), reply(1, 5, 0)).expect(request(1, 9, 2), reply(1, 6, 0))
         with pytest.raises(BadReplyError, match="a second read did not confirm"):
             suspecting_bus.read(1, STS3215.min_position_limit)
 
-    def test_position_is_read_only_once_on_suspect_line(self, suspecting_bus, line):
+    def test_position_is_read_only_once_even_on_unreliable_line(self, suspecting_bus, line):
         line.expect(request(1, 56, 2), reply(1, 0, 8))
         assert suspecting_bus.read(1, STS3215.present_position, raw=True) == 2048
 
-    def test_odd_reply_makes_equal_requests_differ_in_length(self, feetech, port, line):
+    def test_unexpected_reply_makes_repeated_requests_vary_in_length(self, feetech, port, line):
         port.health.record(odd=True)
         line.expect(request(1, 56, 2), reply(1, 0, 8)).expect(request(1, 55, 3), reply(1, 0, 0, 8))
         for _ in range(2):
             assert feetech.read(1, STS3215.present_position, raw=True) == 2048
 
-    def test_line_is_trusted_again_after_300_clean_requests(self):
+    def test_bus_line_is_trusted_again_after_300_clean_requests(self):
         trust = LineHealth(clean_requests=0)
         trust.record(odd=True)
         for _ in range(300):
@@ -160,11 +160,11 @@ class TestPace:
     def test_byte_rate_check_without_history_reports_no_excess(self):
         assert ByteRateCheck().excess_bytes(8, 0.0, 1e-5) == 0
 
-    def test_byte_rate_check_reports_bytes_that_come_too_soon(self):
+    def test_byte_rate_check_reports_bytes_arriving_too_early(self):
         assert self.known().excess_bytes(8, 0.0, 1e-5) == 7
         assert self.known().excess_bytes(8, 8e-5, 1e-5) == 0
 
-    def test_byte_rate_check_ends_after_one_faster_reply(self):
+    def test_byte_rate_check_adapts_after_one_faster_reply(self):
         pace = self.known()
         pace.on_reply(8, 0.0, 1e-5)
         assert pace.excess_bytes(8, 0.0, 1e-5) == 0
@@ -182,7 +182,7 @@ histories = st.lists(st.tuples(spans, st.booleans(), st.floats(0.0, 0.05)), max_
 
 
 @given(history=histories, wanted=spans, is_degraded=st.booleans())
-def test_read_window_never_has_length_of_a_pending_reply(history, wanted, is_degraded):
+def test_extended_read_never_has_length_of_pending_reply(history, wanted, is_degraded):
     late_replies, trust, now_s = PendingReplies(), LineHealth(clean_requests=0), 0.0
     if is_degraded:
         trust.record(odd=True)
@@ -202,14 +202,14 @@ def test_read_window_never_has_length_of_a_pending_reply(history, wanted, is_deg
 
 
 @given(span=spans, by=st.integers(0, 24), data=st.binary(min_size=300, max_size=300))
-def test_grown_read_window_contains_original_register_span(span, by, data):
+def test_extended_read_contains_original_registers(span, by, data):
     window = span.grown(by)
     assert window.size == span.size + by
     assert 0 <= window.address <= span.address
     assert span.end <= window.end
 
 
-def test_reply_to_longer_read_is_cut_to_wanted_bytes(feetech, line):
+def test_reply_to_extended_read_is_cut_to_requested_bytes(feetech, line):
     line.expect("FF FF 01 04 02 38 02 BE").expect(request(1, 55, 3), reply(1, 99, 0, 8))
     with pytest.raises(ServoSilentError):
         feetech.read(1, RegisterName.PRESENT_POSITION)

@@ -40,7 +40,7 @@ def test_torque_on_writes_position_as_goal_first(feetech, ranged):
     assert torque_on(feetech, 1) == 2048
 
 
-def test_torque_goes_off_if_servo_does_not_take_goal(feetech, ranged):
+def test_torque_goes_off_if_servo_does_not_accept_goal(feetech, ranged):
     ranged.expect(POSITION, AT_2048).expect(SET_GOAL_2048, TAKEN).expect(GOAL, GOAL_5)
     ranged.expect(OFF, TAKEN)
     with pytest.raises(ServoRejectedError, match="keeps goal 5 instead of its position, 2048"):
@@ -63,7 +63,7 @@ def test_torque_stays_off_at_wrong_supply_voltage(feetech, line):
         torque_on(feetech, 1)
 
 
-def test_supply_voltage_inside_limits_is_returned(feetech, fed):
+def test_torque_on_check_returns_supply_voltage_inside_limits(feetech, fed):
     assert check_supply_voltage(feetech, 1) == pytest.approx(12.0)
 
 

@@ -69,20 +69,20 @@ def test_feetech_arm_moves_with_both_sdk_packages_installed(installed, packages)
 
 @pytest.mark.full
 @pytest.mark.parametrize("package", ["ftservo-python-sdk==2.0.0", FTSERVO])
-def test_doctor_works_with_renamed_feetech_sdk(installed, package):
+def test_doctor_command_works_with_renamed_feetech_sdk(installed, package):
     result = run(installed(package), "doctor --arm so101 --port sim")
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("release", ["3.7.31", "3.8.4", "4.0.5"])
-def test_dynamixel_arm_moves_with_old_sdk_over_newest(installed, release):
+def test_dynamixel_arm_moves_with_old_sdk_installed_over_new(installed, release):
     result = moved(installed(NEWEST_DYNAMIXEL, f"dynamixel-sdk=={release}"), "koch")
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.full
-def test_error_names_package_serial_that_replaced_pyserial(installed):
+def test_error_names_pip_package_serial_that_hides_pyserial(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
     first, second = result.stderr.splitlines()
     assert first == "The Python module serial of pyserial is damaged or was replaced by serial."
@@ -91,7 +91,7 @@ def test_error_names_package_serial_that_replaced_pyserial(installed):
 
 
 @pytest.mark.full
-def test_pyserial_installed_after_package_serial_works(installed):
+def test_pyserial_works_if_installed_after_package_serial(installed):
     result = moved(installed("serial==0.0.97", "pyserial==3.5"), "so101")
     assert result.returncode == 0, result.stderr
 

@@ -27,7 +27,7 @@ def test_solve_refuses_invalid_option(option):
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, math.nan, "1 mm", None])
-def test_tolerance_must_be_number_above_zero(value):
+def test_ik_tolerance_must_be_number_above_zero(value):
     with pytest.raises(BadValueError, match="tolerance in metres"):
         Tolerance(position_m=value)
 
@@ -45,7 +45,7 @@ def test_target_frame_must_be_a_string(frame):
 
 
 @pytest.mark.parametrize("method", [None, 3, ["auto"]])
-def test_method_name_must_be_a_string(method):
+def test_ik_method_name_must_be_a_string(method):
     with pytest.raises(UnknownNameError, match="method"):
         solve(ARM, THERE, method=method)
 
@@ -62,7 +62,7 @@ def test_target_direction_is_normalised():
 @pytest.mark.parametrize("ask", [
     lambda: Solver(3), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
 ])  # fmt: skip
-def test_value_that_is_not_an_arm_is_refused(ask):
+def test_ik_refuses_value_that_is_not_an_arm(ask):
     with pytest.raises(BadValueError, match="The arm"):
         ask()
 
@@ -80,7 +80,7 @@ def test_solve_batch_and_solver_accept_names_and_models():
 
 
 @pytest.mark.parametrize("kind", [None, 3, ["pose"]])
-def test_kind_of_target_must_be_a_string(kind):
+def test_ik_target_kind_must_be_a_string(kind):
     with pytest.raises(UnknownNameError, match="kind of target"):
         Solver(ARM, kind)
 
@@ -88,7 +88,7 @@ def test_kind_of_target_must_be_a_string(kind):
 @pytest.mark.parametrize("ask", [
     lambda: Solver(ARM, options={"restarts": 3}), lambda: solve_batch(ARM, [[0, 0, 0]], options=3),
 ])  # fmt: skip
-def test_options_must_be_an_options_object(ask):
+def test_ik_options_must_be_a_solve_options_object(ask):
     with pytest.raises(BadValueError, match="The value of options"):
         ask()
 
@@ -96,7 +96,7 @@ def test_options_must_be_an_options_object(ask):
 @pytest.mark.parametrize(("T", "q0"), [
     ("x", HERE), (None, HERE), ([[1], [2, 3]], HERE), (np.eye(4), "home"), (np.eye(4), {}),
 ])  # fmt: skip
-def test_solver_refuses_pose_or_start_that_is_not_numeric(T, q0):
+def test_ik_solver_refuses_pose_or_start_that_is_not_numeric(T, q0):
     with pytest.raises(BadValueError, match=r"T_world_tool|q0"):
         Solver(ARM)(T, q0)
 
@@ -110,7 +110,7 @@ def transposed():
 @pytest.mark.parametrize("ask", [
     lambda: Solver(ARM)(transposed(), HERE), lambda: solve_batch(ARM, [transposed()]),
 ])  # fmt: skip
-def test_transposed_pose_is_refused(ask):
+def test_ik_refuses_transposed_pose_matrix(ask):
     with pytest.raises(BadValueError, match="transposed"):
         ask()
 
@@ -128,12 +128,12 @@ def test_batch_of_invalid_targets_is_refused(targets):
 
 
 @pytest.mark.parametrize("workers", [0, -1, "2", 1.5])
-def test_workers_must_be_a_positive_integer(workers):
+def test_solve_batch_worker_count_must_be_positive_integer(workers):
     with pytest.raises(BadValueError, match="workers"):
         solve_batch(ARM, [[0.3, 0, 0]], workers=workers)
 
 
-def test_options_are_checked_when_created():
+def test_ik_options_are_validated_when_created():
     with pytest.raises(BadValueError, match="posture"):
         Options(posture=[0.0, 0.0])
 

@@ -29,7 +29,7 @@ FEW_JOINTS = ("koch", "omx_f", "open_manipulator_x", "px100", "so100", "so101")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_bounded_reaches_targets_within_narrowed_limits(kind):
+def test_bounded_solver_reaches_targets_in_narrowed_limits(kind):
     assert sum(missed_within_narrowed_limits(name, kind, 3, 60, seed=1) for name in ARMS) == 0
 
 
@@ -39,11 +39,11 @@ def test_bounded_reaches_targets_within_narrowed_limits(kind):
 @pytest.mark.parametrize(
     ("kind", "share"), [("position", 1e-4), ("direction", 1e-4), ("pose", 1e-3)]
 )
-def test_bounded_reaches_100000_targets(name, kind, share):
+def test_bounded_solver_reaches_100000_targets(name, kind, share):
     assert missed_within_narrowed_limits(name, kind, 200, 500) <= share * 100_000
 
 
-def test_bounded_matches_dense_search_out_of_reach():
+def test_bounded_solver_matches_dense_search_out_of_reach():
     random = np.random.default_rng(5)
     for _ in range(2):
         chain, target_m = out_of_reach("so101", random, narrow=True)
@@ -70,7 +70,7 @@ def gaps_to_dense_search_m(chain, count, random, starts=40):
 @pytest.mark.campaign
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", ARMS)
-def test_bounded_matches_dense_search_for_10000_targets(name):
+def test_bounded_solver_matches_dense_search_of_10000_targets(name):
     random = np.random.default_rng(6)
     assert gaps_to_dense_search_m(load_model(name).chain, 10_000, random).max() < 1e-3
 
@@ -78,7 +78,7 @@ def test_bounded_matches_dense_search_for_10000_targets(name):
 @pytest.mark.campaign
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", ARMS)
-def test_bounded_misses_closer_point_in_0_2_percent_at_most(name):
+def test_bounded_solver_misses_nearest_point_in_0_2_percent(name):
     chain, random = load_model(name).chain, np.random.default_rng(6)
     gaps_m = [
         gaps_to_dense_search_m(narrowed(chain, random), 50, random, starts=20) for _ in range(200)
@@ -116,14 +116,14 @@ def worse_than_dense_search_deg(name, kind, T, starts, random):
 
 
 @pytest.mark.parametrize("name", FEW_JOINTS)
-def test_bounded_finds_best_angle_of_arm_with_few_joints(name):
+def test_bounded_solver_finds_best_direction_with_few_joints(name):
     random = np.random.default_rng(4)
     T = turned_poses(load_model(name).chain, 10, random)
     assert worse_than_dense_search_deg(name, "direction", T, 40, random).max() < 1.0
 
 
 @pytest.mark.parametrize("row", [3, 2926])
-def test_bounded_finds_best_angle_at_end_of_full_turn(row):
+def test_bounded_solver_finds_best_angle_at_full_turn_limit(row):
     """Row 3 is 20 µm from the first axis, row 2926 40 µrad inside the gap of its joint."""
     name, random = "open_manipulator_x", np.random.default_rng(4)
     T = turned_poses(load_model(name).chain, 10_000, random)[[row]]
@@ -131,7 +131,7 @@ def test_bounded_finds_best_angle_at_end_of_full_turn(row):
 
 
 @pytest.mark.parametrize("end", [-3.14, 3.14])
-def test_target_in_gap_of_full_turn_is_met_from_nearer_end(end):
+def test_target_in_gap_of_full_turn_is_reached_from_nearer_end(end):
     arm = planar(0.3, 0.2).with_limits([-3.14, 0.2], [3.14, 1.0])
     beyond = arm.forward([1.000003 * end, 0.5])
     q, reached = Solver(arm)(beyond, [0.9 * end, 0.4])
@@ -143,13 +143,13 @@ def test_target_in_gap_of_full_turn_is_met_from_nearer_end(end):
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", FEW_JOINTS)
 @pytest.mark.parametrize("kind", ["direction", "pose"])
-def test_bounded_finds_best_angle_for_10000_orientations(name, kind):
+def test_bounded_solver_finds_best_of_10000_orientations(name, kind):
     random = np.random.default_rng(4)
     T = turned_poses(load_model(name).chain, 10_000, random)
     assert worse_than_dense_search_deg(name, kind, T, 300, random).max() < 1.0
 
 
-def test_weights_share_error_between_position_and_orientation():
+def test_ik_error_is_shared_without_position_priority():
     chain = planar(0.3, 0.2, limit_rad=2.5)
     target = Target((0.35, 0.1, 0.0), direction=(0, 1, 0), tool_axis=(1, 0, 0))
     first = solve(chain, target, method="bounded")
@@ -158,7 +158,7 @@ def test_weights_share_error_between_position_and_orientation():
     assert shared.orientation_error_rad < first.orientation_error_rad
 
 
-def test_bounded_follows_lines_without_branch_flips():
+def test_bounded_solver_follows_lines_without_branch_flips():
     assert largest_step_on_lines("so101", "position", 8, seed=3) < 1.5 * GEOMETRY_RAD
     assert largest_step_on_lines("wx250s", "pose", 8, seed=3) < 1.5 * GEOMETRY_RAD
 
@@ -169,11 +169,11 @@ def test_bounded_follows_lines_without_branch_flips():
     ("name", "kind"),
     [*((name, "position") for name in ARMS), ("vx300s", "pose"), ("wx250s", "pose")],
 )
-def test_bounded_follows_1000_lines_without_branch_flips(name, kind):
+def test_bounded_solver_follows_1000_lines_without_flips(name, kind):
     assert largest_step_on_lines(name, kind, 1000, seed=3) < 1.5 * GEOMETRY_RAD
 
 
-def test_tracking_out_of_reach_follows_edge_and_names_limit():
+def test_ik_tracking_out_of_reach_follows_workspace_edge():
     arm = planar(0.3, 0.2).with_limits([-0.5, 0.3], [0.8, 1.5])
     solver, q, gaps_m = Solver(arm), np.array([0.4, 0.9]), []
     for y in np.linspace(0.3, 0.6, 60):
@@ -187,13 +187,13 @@ def test_tracking_out_of_reach_follows_edge_and_names_limit():
     assert [str(limit) for limit in solver.result.binding] == [str(limit) for limit in best.binding]
 
 
-def test_tracking_moves_arm_out_of_stretched_posture():
+def test_ik_tracking_moves_arm_out_of_stretched_posture():
     solver, T = Solver(planar(0.3, 0.2)), np.eye(4)
     T[0, 3] = 0.4  # straight inwards, where the gradient is zero
     assert solver.track(T, [0.0, 0.0])[1]
 
 
-def test_tracking_stops_at_limit_of_full_turn():
+def test_solver_tracking_stops_at_limit_of_full_turn_joint():
     arm = planar(0.3, 0.2)
     beyond = arm.forward([math.pi + 0.2, 0.5])
     q, reached = Solver(arm).track(beyond, [math.pi - 0.1, 0.5])
@@ -201,21 +201,21 @@ def test_tracking_stops_at_limit_of_full_turn():
     assert q[0] == math.pi
 
 
-def test_solving_crosses_full_turn_and_stays_inside_limits():
+def test_solve_may_cross_full_turn_but_stays_inside_limits():
     arm = planar(0.3, 0.2)
     q, reached = Solver(arm)(arm.forward([-math.pi + 0.1, 0.5]), [math.pi - 0.1, 0.5])
     assert reached
     np.testing.assert_allclose(q, [-math.pi + 0.1, 0.5], atol=1e-6)
 
 
-def test_trace_begins_at_start_and_ends_at_answer():
+def test_bounded_solver_trace_begins_at_start_and_ends_at_result():
     chain = load_model("so101").chain
     result = solve(chain, Target((0.25, 0.05, 0.15)), chain.mid_range(), "bounded", trace=True)
     np.testing.assert_array_equal(result.trace[0], chain.mid_range())
     np.testing.assert_allclose(result.trace[-1], result.q, atol=1e-12)
 
 
-def test_solver_gives_same_answer_as_solve():
+def test_solver_object_gives_same_result_as_solve():
     chain = load_model("so101").chain
     T = chain.forward([0.3, -0.5, 0.7, 0.2, 1.0])
     expected = solve(chain, Target(T[:3, 3], orientation=T[:3, :3]), chain.mid_range(), "bounded")
@@ -224,7 +224,7 @@ def test_solver_gives_same_answer_as_solve():
     np.testing.assert_array_equal(q, expected.q)
 
 
-def test_solver_writes_answer_to_out_array():
+def test_ik_solver_writes_solution_to_out_array():
     chain, out = planar(0.3, 0.2), np.zeros(2)
     q, _ = Solver(chain)(chain.forward([0.3, 0.5]), [0.0, 0.1], out)
     assert q is out
@@ -244,17 +244,17 @@ def test_solver_writes_answer_to_out_array():
         (np.eye(4), [0, math.inf]),
     ],
 )
-def test_solver_refuses_invalid_pose_or_start(T, q0):
+def test_ik_solver_refuses_invalid_pose_or_start(T, q0):
     with pytest.raises(BadValueError):
         Solver(planar(0.3, 0.2), "pose")(T, q0)
 
 
-def test_unknown_target_kind_is_refused_with_suggestion():
+def test_unknown_ik_target_kind_error_suggests_known_kind():
     with pytest.raises(UnknownNameError, match="Did you mean pose"):
         Solver(planar(0.3, 0.2), "poses")
 
 
-def test_batch_answers_equal_single_answers():
+def test_batch_solutions_equal_single_solutions():
     model, random = load_model("so101"), np.random.default_rng(0)
     chain, home = model.chain, model.chain_pose("home")
     T = chain.forward(random.uniform(chain.lower_rad, chain.upper_rad, (600, chain.dof)))
@@ -280,12 +280,12 @@ def test_batch_of_points_reports_reached_and_position_errors():
         (np.zeros((2, 3)), [math.nan, 0.0]),
     ],
 )
-def test_invalid_batch_is_refused(targets, q0s):
+def test_invalid_ik_batch_is_refused(targets, q0s):
     with pytest.raises(BadValueError):
         solve_batch(planar(0.3, 0.2), targets, q0s)
 
 
-def test_target_keeps_copies_of_caller_arrays():
+def test_ik_target_copies_arrays_of_caller():
     chain = load_model("so101").chain.with_limits([0.2] * 5, [0.5] * 5)
     point_m, R = np.array([0.25, 0.05, 0.15]), np.eye(3)
     target = Target(point_m, orientation=R)
@@ -295,7 +295,7 @@ def test_target_keeps_copies_of_caller_arrays():
     assert result.position_error_m > 1e-3
 
 
-def test_tracking_is_as_near_as_every_point_of_its_trace():
+def test_tracking_result_is_nearest_point_of_its_trace():
     chain = load_model("px100").chain
     q0 = [3.14, -0.7484679547850437, -0.4953207087147677, -0.4964276064906111]
     target = Target((0.029513373749903996, 0.044802052564755765, 0.39496740011708964))
@@ -308,13 +308,13 @@ def test_tracking_is_as_near_as_every_point_of_its_trace():
     ("low", "high"),
     [([-0.5, -5.2], [0.5, -1.0]), ([2.0, 3.2], [7.0, 9.0]), ([-9.0, 1.0], [9.0, 4.0])],
 )
-def test_ranges_beyond_half_turn_are_searched_to_their_ends(low, high):
+def test_joint_ranges_beyond_half_turn_are_searched_completely(low, high):
     arm, random = planar(0.3, 0.2).with_limits(low, high), np.random.default_rng(2)
     T = arm.forward(random.uniform(low, high, (500, 2)))
     assert solve_batch(arm, T[:, :3, 3]).reached.all()
 
 
-def test_long_prismatic_joint_is_searched_to_its_ends():
+def test_long_prismatic_joint_range_is_searched_completely():
     rail = joint(
         "rail", JointType.PRISMATIC, "base", "cart", axis=(1, 0, 0), lower=0.0, upper=200.0
     )
@@ -328,7 +328,7 @@ def test_long_prismatic_joint_is_searched_to_its_ends():
 
 
 @pytest.mark.parametrize("q0", [[0.0, 1e15], [1e17, 0.0]])
-def test_start_of_huge_magnitude_is_refused(q0):
+def test_ik_start_of_huge_magnitude_is_refused(q0):
     arm = planar(0.3, 0.2)
     with pytest.raises(BadValueError, match=r"1e6|1e\+12"):
         Solver(arm)(arm.forward([0.1, 0.2]), q0)
@@ -336,7 +336,7 @@ def test_start_of_huge_magnitude_is_refused(q0):
         solve_batch(arm, [[0.3, 0.1, 0.0]], [q0])
 
 
-def test_target_beyond_1_km_is_refused():
+def test_ik_target_beyond_1_km_is_refused():
     T = np.eye(4)
     T[0, 3] = 1e10
     with pytest.raises(BadValueError, match="1 km"):
@@ -352,6 +352,6 @@ def test_out_array_of_wrong_dtype_or_shape_is_refused(out):
         Solver(arm)(arm.forward([0.1, 0.2]), [0.0, 0.1], out)
 
 
-def test_solver_has_no_result_before_first_solve():
+def test_ik_solver_has_no_result_before_first_solve():
     with pytest.raises(InputError, match="no result yet"):
         _ = Solver(planar(0.3, 0.2)).result

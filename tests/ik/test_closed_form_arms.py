@@ -87,18 +87,18 @@ def six_joints_with_three_parallel():
     return Chain.from_joints(joints, "l0", "tip")
 
 
-def test_structure_of_every_shipped_arm_is_recognised():
+def test_kinematic_structure_of_every_arm_is_recognised():
     assert {name: str(recognise_structure(chain(name))) for name in arm_names()} == STRUCTURES
 
 
-def test_only_arms_with_rounded_axes_have_inexact_structure():
+def test_structure_is_inexact_only_for_arms_with_rounded_axes():
     assert {name for name in arm_names() if not recognise_structure(chain(name)).is_exact} == set(
         NEARLY
     )
     assert recognise_structure(chain("koch")).deviation == pytest.approx(2.65e-6, rel=0.01)
 
 
-def test_structure_of_chain_is_cached():
+def test_recognised_kinematic_structure_is_cached():
     assert recognise_structure(chain("so101")) is recognise_structure(chain("so101"))
 
 
@@ -110,7 +110,7 @@ def test_arm_with_prismatic_joint_has_no_closed_form():
 @pytest.mark.sample(24)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_closed_form_solutions_meet_target_inside_limits(name, kind):
+def test_closed_form_solutions_reach_target_inside_limits(name, kind):
     arm, rng = chain(name), np.random.default_rng(7)
     for _ in range(25):
         target = target_of(arm, sampled(arm, rng), kind)
@@ -146,7 +146,7 @@ def test_closed_form_contains_joints_that_generated_target(name, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(set(STRUCTURES) - set(NEARLY)))
-def test_closed_form_lists_start_first_if_it_meets_target(name, kind):
+def test_closed_form_lists_start_first_if_it_reaches_target(name, kind):
     arm, rng = chain(name), np.random.default_rng(9)
     for _ in range(15):
         q = sampled(arm, rng)
@@ -180,7 +180,7 @@ def test_closed_form_finds_solution_within_narrowed_limits(name):
         ("wx250s", (0.25, 0.02, 0.06), (1, 0, 0)),
     ],
 )
-def test_closed_form_points_straight_down_at_any_yaw(name, point, tool_axis):
+def test_closed_form_reaches_straight_down_direction_at_any_yaw(name, point, tool_axis):
     target = Target(point, direction=(0, 0, -1), tool_axis=tool_axis)
     result = solve(chain(name), target, method="closed_form")
     assert result.reached
@@ -214,7 +214,7 @@ def test_direction_intervals_contain_only_reachable_pitches():
             assert solutions(arm, there)
 
 
-def test_closed_form_places_any_point_of_any_link():
+def test_closed_form_solves_for_any_point_of_any_link():
     arm, q = chain("so101"), np.array([0.4, -0.3, 0.5, 0.2, 0.1])
     for frame in ("forearm", "wrist", "gripper"):
         offset_m = (0.01, -0.02, 0.03)
@@ -230,7 +230,7 @@ def test_closed_form_keeps_joints_beyond_target_link():
     np.testing.assert_array_equal([q[3:] for q in found], [q0[3:]] * len(found))
 
 
-def test_closed_form_wrist_stays_inside_limits_exactly():
+def test_closed_form_wrist_solution_stays_inside_limits():
     rng = np.random.default_rng(16)
     for _ in range(40):
         ends = np.sort([sampled(chain("wx250s"), rng), sampled(chain("wx250s"), rng)], axis=0)
@@ -239,7 +239,7 @@ def test_closed_form_wrist_stays_inside_limits_exactly():
             assert ((ends[0] <= q) & (q <= ends[1])).all()
 
 
-def test_six_joints_with_three_parallel_have_all_poses():
+def test_closed_form_solves_six_joints_with_three_parallel_axes():
     arm, rng = six_joints_with_three_parallel(), np.random.default_rng(14)
     assert recognise_structure(arm).is_exact
     for _ in range(25):
@@ -258,13 +258,13 @@ def test_spherical_wrist_has_up_to_eight_solutions():
     assert max(counts) == 8
 
 
-def test_stretched_wrist_keeps_roll_of_the_start():
+def test_aligned_wrist_axes_keep_roll_of_start():
     arm, q = chain("wx250s"), np.array([0.3, 0.2, 0.4, 0.5, 0.0, 0.7])
     found = solutions(arm, target_of(arm, q, "pose"), q)[0]
     np.testing.assert_allclose(found, q, atol=1e-6)
 
 
-def test_seeds_of_point_out_of_reach_stretch_towards_it():
+def test_closed_form_seeds_stretch_towards_unreachable_point():
     arm, target = chain("so101"), np.array([0.9, 0.2, 0.3])
     for seed in analytic_seeds(arm, Target(target)):
         tip = arm.forward(seed)[:3, 3]
@@ -273,20 +273,20 @@ def test_seeds_of_point_out_of_reach_stretch_towards_it():
         assert (seed <= arm.upper_rad).all()
 
 
-def test_seeds_of_direction_out_of_reach_meet_point():
+def test_closed_form_seeds_keep_point_of_unreachable_direction():
     target = Target((0.25, 0.05, 0.1), direction=(0.1, -0.9, 0.4))
     seeds = analytic_seeds(chain("so101"), target)
     assert seeds
     assert all(errors(chain("so101"), target, seed)[0] < 1e-9 for seed in seeds)
 
 
-def test_closed_form_falls_back_to_bounded_without_structure():
+def test_closed_form_falls_back_to_bounded_solver():
     result = solve(crane(), Target(crane().forward([1.1, 0.22])[:3, 3]), method="closed_form")
     assert result.reached
     assert result.method == "bounded"
 
 
-def test_closed_form_trace_is_start_and_answer():
+def test_closed_form_trace_contains_start_and_result():
     arm = chain("px100")
     result = solve(arm, Target((0.18, 0.05, 0.12)), method="closed_form", trace=True)
     np.testing.assert_array_equal(result.trace[0], arm.mid_range())
@@ -320,7 +320,7 @@ def agrees(name, kind, q, q0):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_closed_form_and_bounded_agree(name, kind):
+def test_closed_form_and_bounded_solver_agree(name, kind):
     rng = np.random.default_rng(12)
     for _ in range(3):
         assert agrees(name, kind, sampled(chain(name), rng), sampled(chain(name), rng))
@@ -330,7 +330,7 @@ def test_closed_form_and_bounded_agree(name, kind):
 @pytest.mark.timeout(14_400)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
-def test_closed_form_and_bounded_agree_on_34000_targets(name, kind):
+def test_closed_form_and_bounded_solver_agree_on_34000_targets(name, kind):
     rng, count = np.random.default_rng(2026), 34_000
     pairs = ((sampled(chain(name), rng), sampled(chain(name), rng)) for _ in range(count))
     lost = [q for q, q0 in pairs if not agrees(name, kind, q, q0)]

@@ -72,7 +72,7 @@ def test_planar_2r_has_two_solutions_nearest_first():
     assert down[1] == pytest.approx(-up[1])
 
 
-def test_joint_limits_leave_only_allowed_elbow():
+def test_planar_joint_limits_leave_only_allowed_elbow():
     arm = TWO.with_limits([-math.pi, -math.pi], [math.pi, 0.0])
     (only,) = solutions(arm, Target((0.35, 0.1, 0.0)), q0=[0.0, 1.0])
     assert only[1] < 0
@@ -93,7 +93,7 @@ def test_nearest_point_outside_annulus_is_on_its_edge(target):
 
 
 @pytest.mark.parametrize("chain", [TWO, THREE])
-def test_nearest_point_in_limits_is_nearer_than_dense_search(chain):
+def test_planar_nearest_point_in_limits_is_as_good_as_search(chain):
     rng = np.random.default_rng(5)
     for _ in range(25):
         arm = narrowed(chain, rng)
@@ -110,13 +110,13 @@ def test_nearest_point_in_limits_is_nearer_than_dense_search(chain):
         assert result.position_error_m >= densest - 0.06
 
 
-def test_nearest_point_to_target_above_plane_is_below_it():
+def test_nearest_planar_point_is_projection_of_target():
     result = solve(THREE, Target((0.3, 0.2, 0.15)), method="closed_form")
     np.testing.assert_allclose(result.nearest_m, [0.3, 0.2, 0.0], atol=1e-12)
     assert result.position_error_m == pytest.approx(0.15)
 
 
-def test_planar_angles_are_nearer_than_dense_search_at_limits():
+def test_planar_angles_at_limits_are_better_than_dense_search():
     limits = ((-1.0, 1.0), (0.3, 0.4), (-0.2, 0.2))
     best = nearest_planar_angles(
         (0.3 + 0j, 0.2 + 0j, 0.1 + 0j), limits, 2.0 + 0.5j, (0.0, 0.0, 0.0)
@@ -130,7 +130,7 @@ def test_planar_angles_are_nearer_than_dense_search_at_limits():
 
 
 @given(length, angle, length, length, angle, angle, angle)
-def test_planar_3r_solutions_meet_point_and_last_direction(a, b, c, d, e, f, g):
+def test_planar_3r_solutions_reach_point_and_tool_direction(a, b, c, d, e, f, g):
     links = (link(a, b), c + 0j, d + 0j)
     m = planar_tip(links, (e, f, g))
     for angles in solve_planar_3r(*links, m, e + f + g):
@@ -138,7 +138,7 @@ def test_planar_3r_solutions_meet_point_and_last_direction(a, b, c, d, e, f, g):
         assert math.remainder(sum(angles) - (e + f + g), 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
-def test_planar_3r_meets_direction_with_both_elbows():
+def test_planar_3r_reaches_direction_with_both_elbows():
     T = THREE.forward([0.4, -0.9, 1.3])
     found = solutions(THREE, Target(T[:3, 3], direction=T[:3, 0], tool_axis=(1, 0, 0)))
     assert len(found) == 2
@@ -146,7 +146,7 @@ def test_planar_3r_meets_direction_with_both_elbows():
         np.testing.assert_allclose(THREE.forward(q), T, atol=1e-12)
 
 
-def test_planar_3r_meets_forbidden_direction_nearest_limit():
+def test_planar_3r_replaces_forbidden_direction_by_nearest():
     arm = THREE.with_limits([-1.0, -1.5, -0.5], [1.0, 1.5, 0.5])
     target = Target((0.45, 0.1, 0.0), direction=(0, 1, 0), tool_axis=(1, 0, 0))
     result = solve(arm, target, method="closed_form")
@@ -158,7 +158,7 @@ def test_planar_3r_meets_forbidden_direction_nearest_limit():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_direction_intervals_equal_dense_scan(seed):
+def test_reachable_direction_intervals_equal_dense_scan(seed):
     rng = np.random.default_rng(seed)
     arm = narrowed(THREE, rng)
     target = Target(arm.forward(rng.uniform(arm.lower_rad, arm.upper_rad))[:3, 3])
@@ -183,7 +183,7 @@ def test_direction_intervals_equal_dense_scan(seed):
 
 
 @pytest.mark.parametrize("direction", [0.0, 1.0, 3.0])
-def test_stretched_planar_3r_has_single_direction(direction):
+def test_stretched_planar_3r_reaches_only_one_direction(direction):
     point = (0.6 * math.cos(direction), 0.6 * math.sin(direction), 0.0)
     assert direction_intervals(THREE, Target(point))
     for interval in direction_intervals(THREE, Target(point)):
@@ -191,14 +191,14 @@ def test_stretched_planar_3r_has_single_direction(direction):
         assert interval.upper_rad == pytest.approx(direction, abs=1e-5)
 
 
-def test_direction_interval_of_near_point_is_full_circle():
+def test_reachable_directions_of_near_point_are_full_circle():
     # Within 0.3 of the first joint no wrist point is out of reach of links of 0.3 and 0.3.
     arm = planar(0.3, 0.3, 0.1, limit_rad=10.0)
     for interval in direction_intervals(arm, Target((0.2, 0.1, 0.0))):
         assert interval.upper_rad - interval.lower_rad == pytest.approx(2 * math.pi)
 
 
-def test_point_out_of_reach_has_no_direction_interval():
+def test_point_out_of_reach_has_no_reachable_directions():
     assert direction_intervals(THREE, Target((0.5, 0.5, 0.0))) == ()
 
 
@@ -217,19 +217,19 @@ def test_planar_3r_chooses_direction_with_nearest_joints(seed):
     assert np.linalg.norm(nearest - q0) <= nearest_scanned + 1e-3
 
 
-def test_planar_3r_returns_start_that_meets_target():
+def test_planar_3r_returns_start_if_it_reaches_target():
     q = np.array([0.3, 0.8, -0.4])
     np.testing.assert_allclose(solutions(THREE, Target(THREE.forward(q)[:3, 3]), q)[0], q,
                                atol=1e-9)  # fmt: skip
 
 
-def test_planar_2r_takes_turn_nearest_start():
+def test_planar_2r_chooses_turn_nearest_to_start():
     arm = planar(0.3, 0.2, limit_rad=10.0)
     q = solutions(arm, Target(arm.forward([6.5, 1.0])[:3, 3]), q0=[6.0, 0.8])[0]
     np.testing.assert_allclose(q, [6.5, 1.0], atol=1e-9)
 
 
-def test_solution_on_limit_is_inside_it_exactly():
+def test_planar_solution_on_limit_is_exactly_inside_limit():
     arm = TWO.with_limits([-1.0, 0.3], [0.7, 1.1])
     for q in ([-1.0, 0.3], [0.7, 1.1], [0.7, 0.3]):
         found = solutions(arm, Target(arm.forward(q)[:3, 3]))[0]
@@ -245,7 +245,7 @@ def test_point_off_the_plane_has_only_nearest_solution():
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2), angle)
-def test_solve_acos_bsin_finds_angle_that_generated_value(a, b, theta):
+def test_solving_a_cos_plus_b_sin_recovers_known_angle(a, b, theta):
     found = solve_acos_bsin(a, b, a * math.cos(theta) + b * math.sin(theta))
     if found is not None:
         assert min(abs(math.remainder(t - theta, 2 * math.pi)) for t in found) < 1e-6

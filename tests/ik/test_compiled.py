@@ -121,7 +121,7 @@ def test_compiled_search_equals_python_out_of_reach(kind, uncompiled):
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
 @pytest.mark.parametrize("kind", [TargetKind.DIRECTION, TargetKind.POSE])
-def test_compiled_search_equals_python_with_unmet_direction(kind, uncompiled):
+def test_compiled_search_equals_python_for_unreached_direction(kind, uncompiled):
     options = {"turned": True, "traced": 40, "uncompiled": uncompiled}
     assert same_both_ways("so101", kind, 2, 2, **options) == 0.0
 
@@ -141,7 +141,7 @@ CHANGES = {
 @pytest.mark.sample(2)
 @needs_extension
 @pytest.mark.parametrize("module", CHANGES)
-def test_kernel_changed_in_last_digit_is_noticed(module, tmp_path):
+def test_kernel_changed_in_last_digit_is_detected(module, tmp_path):
     for package in ("kernels", "kinematics"):
         shutil.copytree(ROOT / "ikservo" / package, tmp_path / "ikservo" / package)
     kernel = tmp_path / "ikservo" / "kernels" / f"{module}.py"
@@ -225,7 +225,7 @@ def test_packed_arm_with_index_out_of_range_is_refused(row, column, value):
         lambda _: None,
     ],
 )
-def test_array_of_wrong_dtype_is_refused(way, change):
+def test_compiled_solver_refuses_array_of_wrong_dtype(way, change):
     run = search.solve_all if way == "compiled" else compiled.uncompiled["solve_all"]
     call = Search("so101", TargetKind.POSITION, 1, 3)
     with pytest.raises(TypeError):
@@ -241,7 +241,7 @@ def test_array_of_wrong_dtype_is_refused(way, change):
         lambda a: np.repeat(a, 2, axis=1)[:, ::2],
     ],
 )
-def test_array_of_wrong_byte_or_memory_order_is_refused(change):
+def test_compiled_solver_refuses_wrong_byte_or_memory_order(change):
     call = Search("so101", TargetKind.POSITION, 1, 3)
     with pytest.raises((TypeError, ValueError, BufferError)):
         search.solve_all(*call.arguments(problems=change(call.problems)))
@@ -294,7 +294,7 @@ def test_compiled_solver_equals_python_solver(monkeypatch, kind):
         ((1001.0, 0.1, 0.0), np.eye(3), (False, False)),
     ],
 )
-def test_is_target_accepts_only_valid_numbers(way, position, rotation, accepted):
+def test_compiled_target_check_accepts_only_valid_numbers(way, position, rotation, accepted):
     judge = single.is_target if way == "compiled" else compiled.uncompiled["is_target"]
     packed = np.vstack([position, rotation])
     assert (judge(packed, False), judge(packed, True)) == accepted
@@ -303,7 +303,7 @@ def test_is_target_accepts_only_valid_numbers(way, position, rotation, accepted)
 @pytest.mark.parametrize(
     "change", [np.asfortranarray, lambda T: T.tolist(), lambda T: T.astype("f4")]
 )
-def test_solver_accepts_any_array_layout_list_and_float32(change):
+def test_ik_solver_accepts_any_array_layout_list_and_float32(change):
     model = load_model("so101")
     solver, T = Solver(model.chain, "pose"), np.eye(4)
     T[:3, 3] = 0.25, 0.0, 0.125
@@ -317,7 +317,7 @@ def test_solver_accepts_any_array_layout_list_and_float32(change):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
 @pytest.mark.parametrize("argument", ["problems", "starts"])
-def test_solver_returns_index_of_problem_with_bad_number(argument, value):
+def test_compiled_batch_reports_index_of_invalid_problem(argument, value):
     call = Search("so101", TargetKind.POSE, 1, 3)
     getattr(call, argument)[1, 2] = value
     assert search.solve_all(*call.arguments()) == 1
@@ -326,7 +326,7 @@ def test_solver_returns_index_of_problem_with_bad_number(argument, value):
 
 @pytest.mark.full
 @needs_extension
-def test_invalid_settings_give_same_results_compiled_and_python():
+def test_invalid_ik_settings_behave_same_compiled_and_python():
     rng, same = np.random.default_rng(3), 0
     for _ in range(40):
         kind = TargetKind(int(rng.integers(3)))
@@ -350,7 +350,7 @@ def test_invalid_settings_give_same_results_compiled_and_python():
 
 @pytest.mark.full
 @needs_extension
-def test_changed_kernel_runs_as_python_with_warning(tmp_path):
+def test_modified_kernel_runs_as_python_with_warning(tmp_path):
     package = Path(compiled.__file__).parents[1]
     copy = tmp_path / "ikservo"
     subprocess.run(["cp", "-r", package, copy], check=True)
@@ -364,7 +364,7 @@ def test_changed_kernel_runs_as_python_with_warning(tmp_path):
 
 
 @pytest.mark.full
-def test_solve_without_extension_gives_same_bits():
+def test_solve_without_compiled_extension_is_bitwise_identical():
     code = (
         "import ikservo; m = ikservo.load_model('so101');"
         "r = ikservo.solve(m.chain, ikservo.Target((0.25, 0.05, 0.15)), m.chain_pose('home'));"

@@ -24,7 +24,7 @@ def test_sag_aware_solution_puts_sagging_tip_on_target(chain):
         assert (result.q <= chain.upper_rad).all()
 
 
-def test_sag_aware_solution_gives_sagging_tool_its_direction(chain):
+def test_sag_aware_solution_gives_sagging_tool_right_direction(chain):
     for q in random_joints(chain, 10):
         T = chain.forward(0.7 * q)
         result = solve(chain, Target(T[:3, 3], direction=T[:3, 2]), 0.6 * q)
@@ -50,7 +50,7 @@ def test_sag_aware_solution_out_of_reach_is_nearest_point(chain):
     np.testing.assert_allclose(chain.forward(result.q)[:3, 3], result.nearest_m, atol=1e-6)
 
 
-def test_sag_aware_sight_points_sagging_axis_at_point(chain):
+def test_sag_aware_look_at_points_sagging_axis_at_point(chain):
     sight = solve_sight(chain, (0.3, 0.1, 0.0), chain.mid_range(), (0.0, 0.0, 1.0))
     assert not sight.reached or sight.error_rad < 1e-3
     assert sight.error_rad < 0.1

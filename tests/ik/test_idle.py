@@ -29,7 +29,7 @@ def drawn(chain, rng):
 @pytest.mark.sample(8)
 @pytest.mark.parametrize("method", EVERY)
 @pytest.mark.parametrize("name", ARMS)
-def test_joints_behind_target_frame_stay_with_every_method(name, method):
+def test_every_solver_keeps_joints_beyond_target_frame(name, method):
     chain, frame, count = middle_of(name)
     rng = np.random.default_rng(1)
     for k in range(8):
@@ -40,7 +40,7 @@ def test_joints_behind_target_frame_stay_with_every_method(name, method):
 
 
 @pytest.mark.parametrize("method", EVERY)
-def test_pull_along_link_axis_does_not_turn_joints_beyond_link(method):
+def test_target_along_link_axis_keeps_joints_beyond_link(method):
     model = load_model("so101")
     chain, frame, q0 = model.chain, middle_of("so101")[1], model.chain_pose("home")
     T = chain.forward(q0, frame)
@@ -49,7 +49,7 @@ def test_pull_along_link_axis_does_not_turn_joints_beyond_link(method):
     np.testing.assert_allclose(result.q[2:], q0[2:], atol=1e-12)
 
 
-def test_solver_leaves_saddle_without_moving_joints_beyond_frame():
+def test_solver_leaves_saddle_and_keeps_joints_beyond_frame():
     chain = load_model("wx250s").chain
     frame, q0 = middle_of("wx250s")[1], np.zeros(6)
     T = chain.forward(q0, frame)
@@ -58,7 +58,7 @@ def test_solver_leaves_saddle_without_moving_joints_beyond_frame():
 
 
 @pytest.mark.parametrize("call", ["call", "track"])
-def test_solver_keeps_joints_behind_frame(call):
+def test_solver_object_keeps_joints_beyond_target_frame(call):
     chain, frame, count = middle_of("wx250s")
     solver, rng = Solver(chain, frame=frame), np.random.default_rng(2)
     for _ in range(20):
@@ -68,7 +68,7 @@ def test_solver_keeps_joints_behind_frame(call):
         np.testing.assert_array_equal(solver.result.q, q)
 
 
-def test_batch_keeps_joints_behind_frame():
+def test_batch_solver_keeps_joints_beyond_target_frame():
     chain, frame, count = middle_of("wx250s")
     rng = np.random.default_rng(3)
     q0s = rng.uniform(chain.lower_rad, chain.upper_rad, (50, chain.dof))
@@ -77,7 +77,7 @@ def test_batch_keeps_joints_behind_frame():
     np.testing.assert_array_equal(found.q[:, count:], q0s[:, count:])
 
 
-def test_tool_roll_stays_unless_full_pose_is_requested():
+def test_tool_roll_changes_only_if_full_pose_is_requested():
     chain, rng = load_model("wx250s").chain, np.random.default_rng(4)
     q0, T = drawn(chain, rng), chain.forward(drawn(chain, rng))
     assert solve(chain, Target(T[:3, 3]), q0).q[5] == q0[5]
@@ -91,11 +91,11 @@ def test_tool_roll_stays_unless_full_pose_is_requested():
 @pytest.mark.parametrize(
     ("start", "stays"), [(1.0, 1.0), (7.0, 7.0 - 2 * np.pi), (-4.0, 2 * np.pi - 4.0)]
 )
-def test_idle_joint_outside_limits_rests_at_same_angle_inside(start, stays):
+def test_unused_joint_outside_limits_is_moved_by_full_turn(start, stays):
     assert IdleJoint(0, -3.1, 3.1, 2 * np.pi).resting_position(start) == pytest.approx(stays)
 
 
 @pytest.mark.parametrize(("start", "stays"), [(4.0, 0.5), (-2.0, -0.5), (0.2, 0.2)])
-def test_idle_joint_without_equivalent_angle_rests_at_limit(start, stays):
+def test_unused_joint_outside_limits_is_moved_to_limit(start, stays):
     assert IdleJoint(0, -0.5, 0.5, 2 * np.pi).resting_position(start) == stays
     assert IdleJoint(0, -0.5, 0.5, np.inf).resting_position(start) == stays

@@ -24,7 +24,7 @@ angles = st.floats(-math.pi, math.pi)
 @settings(max_examples=80)
 @given(vectors, arrays(float, (2, 3), elements=coordinates),
        arrays(float, (2, 3), elements=coordinates), angles)  # fmt: skip
-def test_best_rotation_brings_points_nearest_to_targets(w, x, M, other):
+def test_ccd_best_rotation_brings_points_nearest_to_targets(w, x, M, other):
     axis = exp_so3(w) @ (0.0, 0.0, 1.0)
 
     def left(angle):
@@ -35,27 +35,27 @@ def test_best_rotation_brings_points_nearest_to_targets(w, x, M, other):
 
 
 @given(vectors, vectors, st.floats(-5, 5))
-def test_best_translation_brings_tip_nearest(E, v, other):
+def test_ccd_best_translation_brings_tip_nearest_to_target(E, v, other):
     if v @ v < 1e-6:
         return
     assert np.linalg.norm(E - best_translation(E, v) * v) <= np.linalg.norm(E - other * v) + 1e-12
 
 
 @given(angles, st.floats(0, 3), st.floats(0, 3), st.floats(0, 1))
-def test_clamp_angle_to_range_picks_nearest_angle_on_circle(requested, below, above, share):
+def test_angle_is_clamped_to_nearest_end_on_circle(requested, below, above, share):
     chosen = clamp_angle_to_range(requested, -below, above)
     other = -below + share * (above + below)
     assert -below <= chosen <= above
     assert math.cos(chosen - requested) >= math.cos(other - requested) - 1e-12
 
 
-def test_clamp_angle_to_range_may_pick_far_end_across_half_turn():
+def test_angle_may_be_clamped_across_half_turn():
     assert clamp_angle_to_range(3.1, -2.5, 1.0) == -2.5
 
 
 @settings(max_examples=40, deadline=None)
 @given(questions(["planar", "narrow", "crane", "so101"]), st.floats(-1, 1))
-def test_ccd_first_step_of_last_joint_is_its_best(question, share):
+def test_ccd_first_step_of_last_joint_is_optimal(question, share):
     chain, target, q0 = question
     first = walk("ccd", chain, target, q0, max_iterations=1).trace
     moved = q0.copy()
@@ -80,7 +80,7 @@ def test_ccd_sweep_turns_last_joint_first():
     assert swept[0] != 0.0
 
 
-def test_ccd_does_not_turn_roll_about_tip():
+def test_ccd_does_not_turn_roll_joint_through_tip():
     joints_ = [
         joint("turn", JointType.REVOLUTE, "base", "arm", lower=-2.0, upper=2.0),
         joint("roll", JointType.REVOLUTE, "arm", "hand", (0.2, 0, 0), (1, 0, 0),

@@ -22,7 +22,7 @@ TWO_DEGREES = math.radians(2.0)
 @EACH
 @settings(max_examples=25, deadline=None)
 @given(question=questions())
-def test_iterates_never_leave_joint_limits(method, question):
+def test_iterative_solvers_never_leave_joint_limits(method, question):
     chain, target, q0 = question
     result = walk(method, chain, target, q0, max_iterations=40)
     for q in (*result.trace, result.q):
@@ -35,26 +35,26 @@ def test_iterates_never_leave_joint_limits(method, question):
 )
 @settings(max_examples=15, deadline=None)
 @given(question=questions())
-def test_no_joint_exceeds_its_step_cap_per_iteration(method, cap_deg, question):
+def test_solver_step_per_iteration_is_capped_in_every_joint(method, cap_deg, question):
     trace = np.array(walk(method, *question, max_iterations=30).trace)
     assert np.abs(np.diff(trace, axis=0)).max(initial=0.0) <= math.radians(cap_deg) + 1e-12
 
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=7).map(np.array))
-def test_scale_step_scales_long_step_to_2_degrees(step):
+def test_solver_step_is_scaled_down_to_2_degrees(step):
     scaled = scale_step(step)
     assert np.abs(scaled).max() <= TWO_DEGREES * (1 + 1e-15)
     np.testing.assert_allclose(scaled * np.abs(step).max(), step * np.abs(scaled).max())
 
 
-def test_scale_step_keeps_small_step():
+def test_solver_step_below_2_degrees_is_not_scaled():
     step = np.array([0.01, -0.02])
     assert scale_step(step) is step
 
 
 @EACH
 @pytest.mark.parametrize("name", arm_names())
-def test_methods_reach_point_near_home_on_every_shipped_arm(method, name):
+def test_iterative_solvers_reach_point_near_home_of_every_arm(method, name):
     model = load_model(name)
     home = model.chain_pose("home")
     target = Target(model.chain.forward(near(model.chain, home, 0.3))[:3, 3])
@@ -67,7 +67,7 @@ def test_methods_reach_point_near_home_on_every_shipped_arm(method, name):
 @EACH
 @pytest.mark.parametrize("kind", ["direction", "pose"])
 @pytest.mark.parametrize("name", ["planar", "wx250s"])
-def test_methods_meet_point_with_direction_or_orientation(method, kind, name):
+def test_iterative_solvers_reach_direction_or_orientation(method, kind, name):
     chain = arm(name)
     start = chain.clip(np.full(chain.dof, 0.4))
     T = chain.forward(near(chain, start, 0.15))
@@ -77,14 +77,14 @@ def test_methods_meet_point_with_direction_or_orientation(method, kind, name):
 
 
 @EACH
-def test_methods_solve_prismatic_and_mimic_joints(method):
+def test_iterative_solvers_handle_prismatic_and_mimic_joints(method):
     target = Target(crane().forward([1.1, 0.35])[:3, 3])
     result = walk(method, crane(), target, [-0.5, 0.05])
     np.testing.assert_allclose(result.q, [1.1, 0.35], atol=1e-4)
 
 
 @EACH
-def test_methods_reach_with_point_of_any_link(method):
+def test_iterative_solvers_reach_with_point_of_any_link(method):
     chain = planar(0.3, 0.2, 0.1)
     target = Target((0.25, 0.3, 0.02), frame="l2", offset_m=(0.15, 0.03, 0.02))
     result = walk(method, chain, target, [0.1, 0.2, 0.3])
@@ -93,13 +93,13 @@ def test_methods_reach_with_point_of_any_link(method):
 
 
 @EACH
-def test_methods_keep_joints_behind_target_link(method):
+def test_iterative_solvers_keep_joints_beyond_target_link(method):
     target = Target((0.25, 0.2, 0.0), frame="l2", offset_m=(0.15, 0.0, 0.0))
     assert walk(method, planar(0.3, 0.2, 0.1), target, [0.1, 0.2, 0.3]).q[2] == 0.3
 
 
 @EACH
-def test_methods_stretch_to_unreachable_target_and_report_error(method):
+def test_iterative_solvers_stretch_to_unreachable_target(method):
     result = walk(method, planar(0.3, 0.2, 0.1), Target((3.0, 4.0, 0.0)), [0.5, 0.5, 0.5])
     assert not result.reached
     np.testing.assert_allclose(result.nearest_m, [0.36, 0.48, 0.0], atol=3e-3)
@@ -107,7 +107,7 @@ def test_methods_stretch_to_unreachable_target_and_report_error(method):
 
 
 @EACH
-def test_result_names_binding_limit(method):
+def test_ik_result_names_limit_that_prevents_reaching(method):
     chain = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
     result = walk(method, chain, Target((0.5, 0.0, 0.0)), [0.0, 1.0])
     assert [str(limit) for limit in result.binding] == ["j2 at its lower limit"]
@@ -125,14 +125,14 @@ def test_nearest_point_at_limit_equals_dense_search(method):
 
 
 @EACH
-def test_start_outside_limits_is_clipped_first(method):
+def test_solver_start_outside_limits_is_clipped_first(method):
     chain = planar(0.3, 0.2, 0.1, limit_rad=2.5)
     result = walk(method, chain, Target((0.1, 0.3, 0.0)), [9.0, -3.0, 0.5])
     assert result.trace[0].tolist() == [2.5, -2.5, 0.5]
 
 
 @EACH
-def test_start_at_target_does_not_need_iterations(method):
+def test_solver_started_at_target_needs_no_iterations(method):
     chain = planar(0.3, 0.2)
     result = walk(method, chain, Target(chain.forward([0.4, 0.8])[:3, 3]), [0.4, 0.8])
     assert result.reached
@@ -141,7 +141,7 @@ def test_start_at_target_does_not_need_iterations(method):
 
 
 @EACH
-def test_trace_has_start_and_every_iterate(method):
+def test_solver_trace_has_start_and_every_iteration(method):
     result = walk(method, planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5])
     assert len(result.trace) == result.iterations + 1
     assert result.trace[0].tolist() == [0.5, 0.5]
@@ -149,20 +149,20 @@ def test_trace_has_start_and_every_iterate(method):
 
 
 @EACH
-def test_trace_is_empty_unless_asked_for(method):
+def test_solver_trace_is_empty_unless_requested(method):
     target = Target((0.1, 0.3, 0.0))
     assert get_method(method)(planar(0.3, 0.2), target, np.array([0.5, 0.5]), Options()).trace == ()
 
 
 @EACH
-def test_max_iterations_limits_iterations(method):
+def test_max_iterations_option_limits_iterations(method):
     result = walk(method, planar(0.3, 0.2), Target((-0.3, 0.1, 0.0)), [0.5, 0.5], max_iterations=3)
     assert result.iterations == 3
     assert not result.reached
 
 
 @EACH
-def test_coarse_tolerance_is_reached_in_fewer_iterations(method):
+def test_coarse_ik_tolerance_needs_fewer_iterations(method):
     question = (planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5])
     coarse = walk(method, *question, tolerance=Tolerance(position_m=0.02))
     assert coarse.reached
@@ -170,14 +170,14 @@ def test_coarse_tolerance_is_reached_in_fewer_iterations(method):
 
 
 @EACH
-def test_methods_are_selected_by_name(method):
+def test_solver_method_is_selected_by_name(method):
     result = solve(planar(0.3, 0.2), Target((0.1, 0.3, 0.0)), [0.5, 0.5], method)
     assert result.method == method
     assert result.reached
 
 
 @EACH
-def test_same_problem_gives_same_trace(method):
+def test_same_ik_problem_gives_same_trace(method):
     first, second = (
         walk(method, arm("so101"), Target((0.2, 0.1, 0.1)), np.zeros(5)) for _ in range(2)
     )

@@ -38,32 +38,32 @@ clear_matrices = matrices.filter(is_clear)
 
 
 @given(matrices)
-def test_pinv_satisfies_j_jplus_j_equals_j(J):
+def test_pseudo_inverse_satisfies_j_jplus_j_equals_j(J):
     np.testing.assert_allclose(J @ pinv(J, EXACT) @ J, J, atol=1e-9)
 
 
 @given(matrices)
-def test_pinv_satisfies_jplus_j_jplus_equals_jplus(J):
+def test_pseudo_inverse_satisfies_jplus_j_jplus_equals_jplus(J):
     J_plus = pinv(J, EXACT)
     np.testing.assert_allclose(J_plus @ J @ J_plus, J_plus, atol=1e-9)
 
 
 @given(matrices)
-def test_pinv_products_are_symmetric(J):
+def test_pseudo_inverse_products_are_symmetric(J):
     J_plus = pinv(J, EXACT)
     np.testing.assert_allclose(J @ J_plus, (J @ J_plus).T, atol=1e-9)
     np.testing.assert_allclose(J_plus @ J, (J_plus @ J).T, atol=1e-9)
 
 
 @given(matrices, st.data())
-def test_pinv_leaves_only_error_that_no_step_reduces(J, data):
+def test_pseudo_inverse_leaves_only_irreducible_error(J, data):
     E = data.draw(arrays(np.float64, J.shape[0], elements=whole))
     left = E - J @ (pinv(J, EXACT) @ E)
     np.testing.assert_allclose(J.T @ left, 0.0, atol=1e-9)
 
 
 @given(matrices, st.data())
-def test_pinv_step_is_shortest_of_equal_effect(J, data):
+def test_pseudo_inverse_step_is_shortest_of_equal_effect(J, data):
     E = data.draw(arrays(np.float64, J.shape[0], elements=whole))
     other = data.draw(arrays(np.float64, J.shape[1], elements=whole))
     step = pinv(J, EXACT) @ E
@@ -71,12 +71,12 @@ def test_pinv_step_is_shortest_of_equal_effect(J, data):
     assert np.linalg.norm(step + idle) >= np.linalg.norm(step) - 1e-9
 
 
-def test_pinv_drops_singular_values_below_epsilon():
+def test_pseudo_inverse_drops_singular_values_below_epsilon():
     np.testing.assert_allclose(pinv(np.diag([2.0, 1e-3]), 1e-2), np.diag([0.5, 0.0]))
     np.testing.assert_allclose(pinv(np.diag([2.0, 1e-1]), 1e-2), np.diag([0.5, 10.0]))
 
 
-def test_pinv_of_zero_matrix_is_zero():
+def test_pseudo_inverse_of_zero_matrix_is_zero():
     assert not pinv(np.zeros((3, 2))).any()
 
 
@@ -86,7 +86,7 @@ def test_stretched_arm_pulled_outwards_does_not_move():
     np.testing.assert_allclose(limited_step(here, chain, np.zeros(2)), 0.0, atol=1e-15)
 
 
-def test_short_step_solves_linearised_problem():
+def test_short_pseudo_inverse_step_solves_linearised_problem():
     chain, q = planar(0.3, 0.2, 0.1), np.array([0.3, 0.5, 0.4])
     here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
         q
@@ -94,7 +94,7 @@ def test_short_step_solves_linearised_problem():
     np.testing.assert_allclose(here.J @ limited_step(here, chain, np.zeros(3)), here.E, atol=1e-12)
 
 
-def test_other_joints_take_over_step_of_joint_at_limit():
+def test_other_joints_compensate_for_joint_at_its_limit():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1).with_limits([0.3, -1.0, -1.0], [2.0, 1.0, 1.0])
     here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
@@ -105,7 +105,7 @@ def test_other_joints_take_over_step_of_joint_at_limit():
     np.testing.assert_allclose(here.J @ step, here.E, atol=1e-12)
 
 
-def test_joint_near_limit_steps_exactly_to_limit():
+def test_pseudo_inverse_step_of_joint_ends_exactly_at_limit():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1).with_limits([0.2999, -1.0, -1.0], [2.0, 1.0, 1.0])
     here = ResidualFunction(chain, Target(chain.forward(q)[:3, 3] + (1e-4, -2e-4, 0.0))).linearise(
@@ -120,14 +120,14 @@ def test_joint_near_limit_steps_exactly_to_limit():
 @given(
     joints(arm("narrow")), st.tuples(*[st.floats(-1, 1)] * 3), st.tuples(*[st.floats(-1, 1)] * 3)
 )
-def test_limited_step_never_leads_beyond_limit(q, towards, C):
+def test_pseudo_inverse_step_never_exceeds_joint_limit(q, towards, C):
     chain = arm("narrow")
     step = limited_step(ResidualFunction(chain, Target(towards)).linearise(q), chain, np.array(C))
     assert (q + step >= chain.lower_rad - 1e-15).all()
     assert (q + step <= chain.upper_rad + 1e-15).all()
 
 
-def test_joint_leaves_its_limit_when_path_leads_back():
+def test_joint_leaves_its_limit_when_target_moves_back():
     chain = planar(0.3, 0.2, 0.1).with_limits([-0.5, 0.0, -0.3], [2.5, 2.5, 0.3])
     result = walk("pseudo_inverse", chain, Target((-0.31, 0.49, 0.0)), [0.5, 0.4, 0.0])
     at_limit = [q[2] in (-0.3, 0.3) for q in result.trace]
@@ -155,7 +155,7 @@ def test_null_space_step_moves_tip_only_in_second_order(q, C, size):
 
 
 @given(clear_matrices, st.data())
-def test_null_space_step_never_moves_away_from_posture(J, data):
+def test_null_space_step_never_moves_away_from_preferred_posture(J, data):
     C = data.draw(arrays(np.float64, J.shape[1], elements=whole))
     assert nullspace_step(J, np.zeros(J.shape[0]), C) @ C <= 1e-9
 
@@ -169,11 +169,11 @@ def leaning(weights, preferred=(1.5, -1.0, -1.0, -1.0)):
     return walk("pseudo_inverse", LONG, AHEAD, START, posture=Posture(preferred, weights))
 
 
-def test_posture_does_not_prevent_tip_from_reaching_target():
+def test_preferred_posture_does_not_prevent_reaching_target():
     assert leaning([1.0, 1.0, 1.0, 1.0]).reached
 
 
-def test_pseudo_inverse_ends_at_posture_optimum_of_null_space():
+def test_pseudo_inverse_ends_at_best_posture_in_null_space():
     result = leaning([0.5, 0.5, 0.5, 0.5])
     C = 0.5 * (result.q - (1.5, -1.0, -1.0, -1.0))
     rest = nullspace_step(LONG.jacobian(result.q)[:3], np.zeros(3), C)
@@ -181,17 +181,17 @@ def test_pseudo_inverse_ends_at_posture_optimum_of_null_space():
     np.testing.assert_allclose(rest, 0.0, atol=1e-6)
 
 
-def test_joint_with_more_weight_comes_closer_to_posture():
+def test_joint_with_more_weight_ends_nearer_preferred_angle():
     light, heavy = leaning([0.1, 0.1, 0.1, 0.1]), leaning([0.1, 0.1, 0.1, 1.0])
     assert abs(heavy.q[3] + 1.0) < abs(light.q[3] + 1.0) - 0.1
 
 
-def test_zero_weights_ignore_posture():
+def test_zero_weights_ignore_preferred_posture():
     plain = walk("pseudo_inverse", LONG, AHEAD, START)
     np.testing.assert_allclose(leaning([0.0] * 4).q, plain.q, atol=1e-4)
 
 
-def test_posture_weights_above_one_act_as_one():
+def test_preferred_posture_weights_above_one_act_as_one():
     np.testing.assert_allclose(leaning([50.0] * 4).q, leaning([1.0] * 4).q, atol=1e-6)
 
 
@@ -204,6 +204,6 @@ def test_posture_weights_above_one_act_as_one():
         ([0.0] * 4, [1.0, 1.0, 1.0, -0.1], "A posture's weight is -0.1"),
     ],
 )
-def test_invalid_posture_is_refused(preferred, weights, what):
+def test_invalid_preferred_posture_is_refused(preferred, weights, what):
     with pytest.raises(BadValueError, match=what):
         leaning(weights, preferred)

@@ -18,7 +18,7 @@ numbers = st.floats(-3, 3)
 @pytest.mark.parametrize("method", DOWNHILL)
 @settings(max_examples=30, deadline=None)
 @given(question=questions())
-def test_transpose_error_never_grows(method, question):
+def test_transpose_method_error_never_increases(method, question):
     chain, target, q0 = question
     left = costs(chain, target, walk(method, chain, target, q0, max_iterations=40).trace)
     assert (np.diff(left) <= 1e-15).all()
@@ -38,25 +38,25 @@ def test_transpose_torques_do_same_virtual_work_as_force(q, towards, motion):
 
 @given(arrays(float, (3, 4), elements=numbers), arrays(float, 3, elements=numbers),
        st.floats(-1, 1))  # fmt: skip
-def test_step_length_minimises_linearised_error(J, E, off):
+def test_transpose_step_length_minimises_linearised_error(J, E, off):
     tau = J.T @ E
     alpha = step_length(J, E, tau)
     best = np.linalg.norm(E - alpha * J @ tau)
     assert best <= np.linalg.norm(E - (alpha + off) * J @ tau) + 1e-9
 
 
-def test_step_length_without_effect_on_tip_is_zero():
+def test_transpose_step_length_without_effect_on_tip_is_zero():
     assert step_length(np.zeros((3, 2)), np.ones(3), np.zeros(2)) == 0.0
 
 
-def test_joint_pulled_against_its_limit_stays():
+def test_transpose_step_keeps_joint_pushed_against_its_limit():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
     here = ResidualFunction(chain, Target((0.5, 0.0, 0.0))).linearise(np.array([-0.2, 0.5]))
     assert (here.J.T @ here.E)[1] < 0
     assert gradient_torque(here, chain)[1] == 0.0
 
 
-def test_joint_pulled_off_its_limit_moves():
+def test_transpose_step_moves_joint_away_from_its_limit():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [1.0, 2.0])
     here = ResidualFunction(chain, Target((0.1, 0.1, 0.0))).linearise(np.array([-0.2, 0.5]))
     assert gradient_torque(here, chain)[1] > 0.0

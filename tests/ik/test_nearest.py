@@ -33,7 +33,7 @@ def way(q, q0):
 
 @pytest.mark.parametrize("kind", ["position", "direction", "pose"])
 @pytest.mark.parametrize("name", ["wx250s", "vx300s", "so101"])
-def test_solution_is_nearest_of_closed_form_solutions(name, kind):
+def test_solve_returns_closed_form_solution_nearest_to_start(name, kind):
     for chain, target, q0 in questions(name, kind, 25):
         result = solve(chain, target, q0)
         assert result.reached
@@ -41,7 +41,7 @@ def test_solution_is_nearest_of_closed_form_solutions(name, kind):
         assert way(result.q, q0) <= min(known, default=np.inf) + 1e-6
 
 
-def test_solve_without_nearest_may_return_farther_solution():
+def test_solve_without_nearest_option_may_return_farther_one():
     ways = [
         (way(solve(chain, target, q0, nearest=False).q, q0), way(solve(chain, target, q0).q, q0))
         for chain, target, q0 in questions("wx250s", "pose", 30)
@@ -50,7 +50,7 @@ def test_solve_without_nearest_may_return_farther_solution():
     assert any(near < first - 0.1 for first, near in ways)
 
 
-def test_nearest_search_without_closed_form_shortens_path():
+def test_nearest_option_reduces_motion_without_closed_form():
     first, better, best = 0.0, 0.0, 0.0
     for chain, target, q0 in questions("wx250s", "pose", 40):
         bent = _bent(chain)
@@ -78,7 +78,7 @@ def _bent(chain):
     return chain.with_origins({step.joint.name: origin})
 
 
-def test_posture_has_priority_over_distance_from_start():
+def test_preferred_posture_has_priority_over_nearest_option():
     chain, target, q0 = next(questions("so101", "position", 1))
 
     preferred = chain.mid_range() + 0.3
@@ -86,13 +86,13 @@ def test_posture_has_priority_over_distance_from_start():
     assert way(leaning.q, preferred) < way(solve(chain, target, q0).q, preferred)
 
 
-def test_nearest_option_must_be_a_bool():
+def test_solve_option_nearest_must_be_a_bool():
     chain, target, q0 = next(questions("so101", "position", 1))
     with pytest.raises(BadValueError, match="nearest"):
         solve(chain, target, q0, nearest="no")
 
 
-def test_closed_form_answer_has_trace_from_start_to_answer():
+def test_nearest_closed_form_solution_has_trace_from_start():
     for chain, target, q0 in questions("wx250s", "pose", 30):
         result = solve(chain, target, q0, trace=True)
         if result.method == "closed_form":
@@ -102,7 +102,7 @@ def test_closed_form_answer_has_trace_from_start_to_answer():
     raise AssertionError("none was exchanged")
 
 
-def test_tracking_stops_at_limit_instead_of_a_far_branch():
+def test_tracking_stops_at_limit_instead_of_jumping_branch():
     # The first half of the line of poses of docs/benchmarks.md that ours does not follow.
     chain = load_model("vx300s").chain
     q = np.array([-0.40295758, -1.29302554, -1.63821139, 1.68671205, -1.52494954, 0.9037118])

@@ -22,7 +22,7 @@ def there_and_back(chain, q0, way_m, steps=100):
 
 @pytest.mark.parametrize("elbow", [0.6, -0.6, 1.4, -1.4])
 @pytest.mark.parametrize("beyond_m", [1e-7, 1e-3, 0.1])
-def test_tracking_back_into_reach_keeps_elbow_side(elbow, beyond_m):
+def test_tracking_back_into_reach_keeps_elbow_configuration(elbow, beyond_m):
     arm = planar(0.3, 0.2)
     here_m = arm.forward([0.2, elbow])[:3, 3]
     out = here_m / np.linalg.norm(here_m)
@@ -34,12 +34,12 @@ def test_tracking_back_into_reach_keeps_elbow_side(elbow, beyond_m):
     ("name", "q0"),
     [("koch", [-0.5, 0.67, 0.19, 0.84, -0.22]), ("wx250s", [0.1, 0.4, -0.3, 0.0, 0.4, 0.2])],
 )
-def test_redundant_arm_tracks_back_into_reach(name, q0):
+def test_redundant_arm_tracks_target_back_into_reach(name, q0):
     chain = load_model(name).chain
     there_and_back(chain, q0, 0.2 * np.array([0.53, 0.66, 0.53]))
 
 
-def test_tracking_from_new_start_forgets_last_path():
+def test_tracking_from_new_start_ignores_previous_path():
     arm, T = planar(0.3, 0.2), np.eye(4)
     solver = Solver(arm)
     T[:3, 3] = arm.forward([0.2, 0.6])[:3, 3]

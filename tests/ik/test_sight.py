@@ -30,7 +30,7 @@ def angle_off(chain, q, point_m, axis):
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("arm", ARMS, ids=lambda arm: Path(arm).parent.name or arm)
-def test_look_at_is_solved_from_home_for_every_visible_point(arm):
+def test_look_at_finds_posture_for_every_visible_point(arm):
     model = ikservo.load_model(arm)
     chain, axis, home = model.chain, tool_frame(model).approach_axis, model.chain_pose("home")
     rng = np.random.default_rng(3)
@@ -44,7 +44,7 @@ def test_look_at_is_solved_from_home_for_every_visible_point(arm):
         assert (sight.q <= chain.upper_rad).all()
 
 
-def test_look_at_of_pan_tilt_turns_by_angles_of_point():
+def test_look_at_of_pan_tilt_gives_angles_towards_point():
     chain = ikservo.load_model(PAN_TILT).chain
     point_m = (1.0, 1.0, 0.095)  # at the height of the lens
     assert solve_sight(chain, point_m, [0.0, 0.0], (1, 0, 0)).q == pytest.approx(

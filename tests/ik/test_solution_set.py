@@ -20,7 +20,7 @@ def test_planar_2r_point_has_two_solutions():
     assert str(found) == "one of 2 solutions"
 
 
-def test_joint_limit_leaves_one_solution():
+def test_joint_limit_leaves_one_ik_solution():
     chain = planar(0.3, 0.2).with_limits([-3.0, 0.1], [3.0, 3.0])
     found = solve(chain, Target((0.3, 0.2, 0.0))).solutions
     assert (found.kind, found.count) == ("one", 1)
@@ -52,7 +52,7 @@ def test_planar_3r_point_and_direction_have_two_solutions():
     assert (found.kind, found.count) == ("several", 2)
 
 
-def test_tight_limits_leave_no_solution_family():
+def test_tight_joint_limits_leave_no_solution_family():
     q = np.array([0.3, 0.5, 0.4])
     chain = planar(0.3, 0.2, 0.1)
     T = chain.forward(q)
@@ -66,7 +66,7 @@ def test_tight_limits_leave_no_solution_family():
     [("so101", "position", 2), ("wx250s", "position", 2), ("wx250s", "direction", 1),
      ("px100", "position", 1)],
 )  # fmt: skip
-def test_redundant_joints_give_family_of_their_number(name, kind, freedom):
+def test_redundancy_gives_solution_family_of_that_dimension(name, kind, freedom):
     chain = load_model(name).chain
     T = chain.forward(chain.mid_range() + 0.2)
     target = Target(T[:3, 3], direction=T[:3, 2] if kind == "direction" else None)
@@ -87,7 +87,7 @@ def test_pose_solution_count_equals_closed_form_count():
     assert max(counts) > 2
 
 
-def test_point_on_yaw_axis_has_solution_family():
+def test_point_on_base_yaw_axis_has_solution_family():
     chain = load_model("px100").chain
     T = chain.forward(np.zeros(4))
     on_axis = Target((T[0, 3] * 0.0, 0.0, 0.25))
@@ -103,13 +103,13 @@ def test_aligned_wrist_has_one_parameter_family():
     assert (found.kind, found.freedom) == ("family", 1)
 
 
-def test_solutions_without_closed_form_are_unknown():
+def test_solution_count_without_closed_form_is_unknown():
     chain = pantograph()
     result = solve(chain, Target(chain.forward([0.4, 0.5])[:3, 3]))
     assert (result.solutions.kind, str(result.solutions)) == ("unknown", "others not known")
 
 
-def test_solver_does_not_count_solutions():
+def test_solver_object_does_not_count_solutions():
     chain = planar(0.3, 0.2)
     solver = Solver(chain)
     solver(make_pose(np.array([0.3, 0.2, 0.0])), np.zeros(2))
@@ -118,7 +118,7 @@ def test_solver_does_not_count_solutions():
     assert solver.result.singularity is None
 
 
-def test_result_reports_conditioning_and_singularity():
+def test_ik_result_reports_conditioning_and_singularity():
     result = solve(planar(0.3, 0.2), Target((0.3, 0.2, 0.0)))
     assert result.conditioning is not None
     assert 0.0 < result.conditioning.slowest_m_rad < 0.5

@@ -51,7 +51,7 @@ def test_nearest_point_of_target_out_of_reach_is_on_circle():
     assert result.position_error_m == pytest.approx(5.0 - 0.6)
 
 
-def test_result_names_binding_limit():
+def test_ik_result_names_limit_that_prevents_reaching():
     arm = planar(0.3, 0.2).with_limits([-math.pi, 0.5], [math.pi, 2.0])
     result = solve(arm, Target((0.5, 0.0, 0.0)))
     assert [str(b) for b in result.binding] == ["j2 at its lower limit"]
@@ -68,18 +68,18 @@ def test_nearest_point_at_limit_equals_dense_search():
     assert result.position_error_m == pytest.approx(densest, abs=1e-3)
 
 
-def test_start_outside_limits_is_accepted():
+def test_ik_start_outside_limits_is_accepted():
     result = solve(ARM, Target((0.4, 0.1, 0.0)), q0=[3.0, -3.0, 9.0])
     assert result.reached
     assert (np.abs(result.q) <= 2.5).all()
 
 
-def test_solution_near_start_is_preferred():
+def test_ik_solution_near_start_is_preferred():
     up, down = planar(0.3, 0.2), Target((0.3, 0.1, 0.0))
     assert solve(up, down, q0=[0.5, -1.0]).q[1] < 0 < solve(up, down, q0=[-0.5, 1.0]).q[1]
 
 
-def test_same_problem_gives_same_answer():
+def test_same_ik_problem_gives_same_solution():
     first, second = (solve(ARM, Target((0.2, -0.1, 0.0))) for _ in range(2))
     np.testing.assert_array_equal(first.q, second.q)
 
@@ -97,14 +97,14 @@ def test_solve_reaches_with_point_of_any_link():
                                atol=1e-5)  # fmt: skip
 
 
-def test_direction_is_met_by_arm_with_enough_joints():
+def test_direction_is_reached_by_arm_with_enough_joints():
     wanted = ARM.forward([0.4, -0.9, 1.3])
     result = solve(ARM, Target(wanted[:3, 3], direction=wanted[:3, 0], tool_axis=(1, 0, 0)))
     assert result.reached
     np.testing.assert_allclose(ARM.forward(result.q), wanted, atol=1e-4)
 
 
-def test_unreachable_direction_does_not_worsen_position():
+def test_unreachable_direction_does_not_increase_position_error():
     result = solve(ARM, Target((0.35, 0.1, 0.0), direction=(0, 0, 1), tool_axis=(1, 0, 0)))
     assert not result.reached
     assert result.position_error_m < 1e-5
@@ -112,17 +112,17 @@ def test_unreachable_direction_does_not_worsen_position():
 
 
 @pytest.mark.parametrize("q0", [[0, 0], [0, 0, math.nan], "abc"])
-def test_invalid_start_is_refused(q0):
+def test_invalid_ik_start_is_refused(q0):
     with pytest.raises(BadValueError, match="q0"):
         solve(ARM, Target((0.3, 0, 0)), q0=q0)
 
 
-def test_unknown_method_is_refused_with_known_names():
+def test_unknown_ik_method_error_lists_known_methods():
     with pytest.raises(UnknownNameError, match="Known: auto, bounded"):
         solve(ARM, Target((0.3, 0, 0)), method="magic")
 
 
-def test_solver_follows_line_without_jumps():
+def test_ik_solver_follows_line_without_jumps():
     solver, largest = Solver(ARM), 0.0
     q = solve(ARM, Target((0.35, 0.1, 0.0))).q
     for y in np.linspace(0.1, 0.3, 50):
@@ -134,7 +134,7 @@ def test_solver_follows_line_without_jumps():
     assert largest < 0.05
 
 
-def test_unused_chain_is_freed():
+def test_kinematic_chain_no_longer_used_is_freed():
     chain = ARM.with_limits(ARM.lower_rad / 2, ARM.upper_rad / 2)
     solve(chain, Target([0.3, 0.2, 0.0]), method="bounded")
     known = weakref.ref(chain)
@@ -143,7 +143,7 @@ def test_unused_chain_is_freed():
     assert known() is None
 
 
-def test_option_of_wrong_type_is_refused_even_if_it_is_equal():
+def test_ik_option_of_wrong_type_is_refused_even_if_equal():
     arm, target = planar(0.3, 0.2), Target((0.3, 0.2, 0.0))
     assert solve(arm, target, track=True).reached == solve(arm, target, track=True).reached
     with pytest.raises(BadValueError, match="track"):
@@ -152,7 +152,7 @@ def test_option_of_wrong_type_is_refused_even_if_it_is_equal():
         solve(arm, target, restarts=[400])
 
 
-def test_result_is_not_changed_by_next_solve():
+def test_ik_result_is_not_changed_by_next_solve():
     arm, start = planar(0.3, 0.2), np.array([0.3, 0.5])
     first = solve(arm, Target((0.3, 0.2, 0.0)), start)
     q, point = first.q.copy(), first.nearest_m.copy()
@@ -161,7 +161,7 @@ def test_result_is_not_changed_by_next_solve():
     np.testing.assert_array_equal(first.nearest_m, point)
 
 
-def test_threads_solving_at_once_get_same_answers():
+def test_threads_solving_at_once_get_same_solutions():
     arm, angles = crane(), np.linspace(-0.6, 0.6, 200)
     targets = [Target((0.3 * math.cos(a), 0.3 * math.sin(a), 0.1)) for a in angles]
     alone = [solve(arm, target).q.tolist() for target in targets]

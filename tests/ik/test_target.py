@@ -40,12 +40,12 @@ def test_target_refuses_direction_together_with_orientation():
         Target((0, 0, 0), direction=(1, 0, 0), orientation=np.eye(3))
 
 
-def test_orientation_error_is_angle_between_axes():
+def test_ik_orientation_error_is_angle_between_axes():
     target = Target((0, 0, 0), direction=(1, 0, 0), tool_axis=(0, 0, 2))
     np.testing.assert_allclose(target.orientation_error(np.eye(3)), [0, math.pi / 2, 0], atol=1e-15)
 
 
-def test_opposite_axes_have_orientation_error_of_half_turn():
+def test_ik_orientation_error_of_opposite_axes_is_half_turn():
     target = Target((0, 0, 0), direction=(0, 0, -1))
     assert np.linalg.norm(target.orientation_error(np.eye(3))) == pytest.approx(math.pi)
 

@@ -131,7 +131,7 @@ def body(*lines):
         ["return kernel(v, m, x, i)"],
     ],
 )
-def test_translator_refuses_code_outside_subset_with_its_line(translate, translated, lines):
+def test_kernel_translator_refuses_unsupported_code_with_line(translate, translated, lines):
     with pytest.raises(translate.TranslationError, match=r"kernels\.py:\d+: .+"):
         translated(body(*lines))
 
@@ -153,7 +153,7 @@ def test_translator_refuses_code_outside_subset_with_its_line(translate, transla
         ["return -x / 3"],
     ],
 )
-def test_translator_accepts_code_of_its_subset(translated, lines):
+def test_kernel_translator_accepts_supported_code(translated, lines):
     assert "static double kernels_kernel(" in translated(body(*lines))
 
 
@@ -171,29 +171,29 @@ def test_translator_accepts_code_of_its_subset(translated, lines):
         HEAD.replace("_TABLE = (1, 2)", "A = 3"),
     ],
 )
-def test_translator_refuses_entry_or_constant_outside_subset(translate, translated, head):
+def test_kernel_translator_refuses_unsupported_entry_or_constant(translate, translated, head):
     assert head != HEAD
     with pytest.raises(translate.TranslationError, match=r"kernels\.py:\d+: .+"):
         translated(body("return x"), head)
 
 
 @pytest.mark.parametrize("lines", [["row = m[1]"], ["y, row = x, m[1]"]])
-def test_only_arrays_written_to_must_be_writable(translated, lines):
+def test_kernel_needs_only_its_output_arrays_writable(translated, lines):
     code = translated(body(*lines, "row[0] = read(v)", "return x"))
     assert '{"kernel", "vMfi", \'f\', enter_kernel}' in code
 
 
-def test_vectorised_function_is_marked_for_compiler(translated):
+def test_kernel_translator_marks_vectorised_function(translated):
     code = translated(body("return read(v)"), HEAD.replace("def read", "@vectorised\ndef read"))
     assert "static VECTORISED double kernels_read(" in code
     assert "static double kernels_write(" not in code  # nothing calls it
 
 
-def test_unknown_decorator_of_called_function_is_refused(translate, translated):
+def test_kernel_translator_refuses_unknown_decorator(translate, translated):
     with pytest.raises(translate.TranslationError, match="@cache is not known"):
         translated(body("return read(v)"), HEAD.replace("def read", "@cache\ndef read"))
 
 
-def test_translator_refuses_imported_function(translate, translated):
+def test_kernel_translator_refuses_imported_function(translate, translated):
     with pytest.raises(translate.TranslationError, match=r"sqrt\(\) is not known"):
         translated(body("return sqrt(x)"), HEAD.replace("import math", "from math import sqrt"))

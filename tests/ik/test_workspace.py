@@ -63,7 +63,7 @@ def test_workspace_of_two_links_is_ring(annulus):
     ("lower", "upper"),
     [((-2.618, -2.618), (2.618, 2.618)), ((-0.4, 0.2), (0.9, 1.3)), ((0.0, -2.0), (1.5, 0.5))],
 )
-def test_workspace_within_limits_has_cells_touched_by_arcs(lower, upper):
+def test_workspace_of_limited_joints_has_exactly_reached_cells(lower, upper):
     arm = two_links(lower, upper)
     region = workspace(arm, top_plane(arm, arm.mid_range()), CELL_M, samples=1024)
     centres, inside = all_centres(region)
@@ -105,12 +105,12 @@ def contains_nearby(region, point):
     return any(region.contains((point[0] + a, point[1] + b, 0.0)) for a, b in shifts)
 
 
-def test_point_off_the_plane_is_not_in_slice(annulus):
+def test_point_off_the_plane_is_not_in_workspace_slice(annulus):
     assert annulus.contains((0.2, 0.0, 0.4 * CELL_M))
     assert not annulus.contains((0.2, 0.0, 0.6 * CELL_M))
 
 
-def test_point_off_the_grid_is_not_in_workspace(annulus):
+def test_point_outside_grid_is_not_in_workspace(annulus):
     assert not annulus.contains((100.0, 0.0, 0.0))
 
 
@@ -126,13 +126,13 @@ def test_workspace_area_is_sum_of_its_cells(annulus):
     assert annulus.size == pytest.approx(ring_m2, rel=0.1)
 
 
-def test_workspace_extent_is_arm_length_on_either_side(annulus):
+def test_workspace_extends_by_arm_length_to_either_side(annulus):
     lower, upper = annulus.extent_m
     assert upper[0] == pytest.approx(0.3, abs=CELL_M)
     assert lower[1] == pytest.approx(-0.3, abs=CELL_M)
 
 
-def test_workspace_outline_has_outside_and_hole(annulus):
+def test_workspace_outline_has_outer_ring_and_hole(annulus):
     areas = sorted(area_of(loop) for loop in annulus.outline())
     assert len(areas) == 2
     assert areas[0] < 0 < areas[1]
@@ -145,27 +145,27 @@ def area_of(loop):
     return 0.5 * float((loop[:, 0] * following[:, 1] - loop[:, 1] * following[:, 0]).sum())
 
 
-def test_outline_of_one_cell_is_its_four_corners():
+def test_workspace_outline_of_one_cell_is_its_four_corners():
     (loop,) = boundary_polygons(np.array([[True]]))
     np.testing.assert_array_equal(loop, [[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def test_outline_of_cells_touching_at_corner_keeps_their_area():
+def test_workspace_outline_of_diagonal_cells_keeps_their_area():
     loops = boundary_polygons(np.array([[True, False], [False, True]]))
     assert sum(area_of(loop) for loop in loops) == pytest.approx(2.0)
 
 
-def test_outline_of_no_cells_is_empty():
+def test_workspace_outline_of_no_cells_is_empty():
     assert boundary_polygons(np.zeros((3, 3), dtype=bool)) == ()
 
 
-def test_workspace_of_same_arm_is_repeatable(annulus):
+def test_workspace_computation_is_repeatable(annulus):
     arm = two_links()
     again = workspace(arm, top_plane(arm, [0.5, 1.0]), CELL_M, samples=2048)
     np.testing.assert_array_equal(annulus.reachable, again.reachable)
 
 
-def test_quasi_random_joints_fill_limits():
+def test_quasi_random_joint_samples_cover_joint_limits():
     arm = two_links((-0.4, 0.2), (0.9, 1.3))
     q = quasi_random_joints(arm, 500)
     assert (q >= arm.lower_rad).all()
@@ -174,14 +174,14 @@ def test_quasi_random_joints_fill_limits():
     np.testing.assert_allclose(q.max(axis=0) - q.min(axis=0), [1.3, 1.1], rtol=0.02)
 
 
-def test_volume_of_planar_arm_is_one_cell_thick(annulus):
+def test_workspace_volume_of_planar_arm_is_one_cell_thick(annulus):
     region = workspace(two_links(), cell_m=CELL_M, samples=2048)
     assert region.grid.shape[2] == 1
     assert region.count == annulus.count
     assert region.size == pytest.approx(region.count * CELL_M**3)
 
 
-def test_side_slice_of_planar_arm_is_a_line():
+def test_side_workspace_slice_of_planar_arm_is_a_line():
     arm = two_links()
     region = workspace(arm, side_plane(arm, [0.0, 0.1]), CELL_M, samples=4096)
     assert region.mask().any(axis=0).sum() == 1
@@ -199,14 +199,14 @@ def test_workspace_of_prismatic_joint_ends_at_its_limits():
 TURNED_RAD = np.array([np.pi / 6, 0, 0, 0, 0])
 
 
-def test_side_plane_follows_direction_of_arm():
+def test_workspace_side_plane_follows_direction_of_arm():
     so100 = ikservo.load_model("so100")
     plane = side_plane(so100.chain, so100.chain_pose("home") + TURNED_RAD)
     np.testing.assert_allclose(plane[:3, 0], [np.cos(np.pi / 6), 0.5, 0], atol=1e-12)
     np.testing.assert_allclose(plane[:3, 1], [0, 0, 1], atol=1e-12)
 
 
-def test_side_plane_goes_through_first_axis():
+def test_workspace_side_plane_goes_through_first_axis():
     so101 = ikservo.load_model("so101")
     plane = side_plane(so101.chain, so101.chain_pose("home") + TURNED_RAD)
     across_m = plane[:3, 2] @ (np.array([0.0388353, 0, 0]) - plane[:3, 3])
@@ -214,20 +214,20 @@ def test_side_plane_goes_through_first_axis():
     assert np.linalg.norm(plane[:3, 3]) > 0.01  # the axis is beside the origin
 
 
-def test_front_plane_is_perpendicular_to_side_plane():
+def test_workspace_front_plane_is_perpendicular_to_side_plane():
     arm = ikservo.load_model("so101")
     home = arm.chain_pose("home")
     side, front = side_plane(arm.chain, home), front_plane(arm.chain, home)
     assert abs(side[:3, 0] @ front[:3, 0]) < 1e-12
 
 
-def test_yaw_turns_side_plane():
+def test_workspace_side_plane_is_turned_by_yaw():
     arm = ikservo.load_model("so101")
     plane = side_plane(arm.chain, arm.chain_pose("home"), yaw_rad=0.5)
     np.testing.assert_allclose(plane[:3, 0], [math.cos(0.5), math.sin(0.5), 0.0])
 
 
-def test_slice_of_real_arm_agrees_with_solver():
+def test_workspace_slice_of_real_arm_agrees_with_solver():
     so101 = ikservo.load_model("so101")
     plane = side_plane(so101.chain, so101.chain_pose("home"))
     region = workspace(so101.chain, plane, 0.04)
@@ -248,7 +248,7 @@ def near_edge(region, point):
 
 
 @pytest.mark.parametrize("cell_m", [-0.01, math.nan, math.inf])
-def test_cell_size_must_be_positive_and_finite(cell_m):
+def test_workspace_cell_size_must_be_positive_and_finite(cell_m):
     with pytest.raises(BadValueError, match="cell_m"):
         workspace(two_links(), cell_m=cell_m, samples=16)
 

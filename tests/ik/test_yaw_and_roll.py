@@ -23,7 +23,7 @@ def circles(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_solve_yaw_roll_finds_known_angle_pair(seed):
+def test_yaw_and_roll_solver_finds_known_angle_pair(seed):
     orbits, hidden = circles(seed)
     found = list(solve_yaw_roll(*orbits, (0.0, 0.0)))
     assert any(
@@ -33,7 +33,7 @@ def test_solve_yaw_roll_finds_known_angle_pair(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_solve_yaw_roll_pairs_satisfy_both_equations(seed):
+def test_yaw_and_roll_solutions_satisfy_both_equations(seed):
     (M, w, d, a), _ = circles(seed)
     for phi, psi in solve_yaw_roll(M, w, d, a, (0.0, 0.0)):
         assert abs(M.normal_part(phi) - w.normal_part(psi)) < 1e-10
@@ -41,13 +41,13 @@ def test_solve_yaw_roll_pairs_satisfy_both_equations(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_refine_angle_pair_converges_to_known_pair(seed):
+def test_yaw_and_roll_refinement_converges_to_known_pair(seed):
     orbits, (phi, psi) = circles(seed)
     pair = refine_angle_pair(*orbits, phi + 1e-4, psi - 2e-4)
     assert pair is not None
     np.testing.assert_allclose(pair, (phi, psi), atol=1e-8)
 
 
-def test_refine_angle_pair_returns_none_without_nearby_root():
+def test_yaw_and_roll_refinement_without_near_root_returns_none():
     orbits = across(0.0, 0.1, 0.0), across(5.0, 0.0, 0.1), across(0, 1, 0), across(0, 0, 1)
     assert refine_angle_pair(*orbits, 0.3, 0.4) is None

@@ -27,7 +27,7 @@ def abstract_members(base):
     ("kind", "base"),
     [("IkservoRobot", "Robot"), ("IkservoLeader", "Teleoperator"), ("IkservoPage", "Teleoperator")],
 )
-def test_plugin_classes_have_lerobot_members_and_parameters(plugin, kind, base):
+def test_lerobot_plugin_classes_have_required_members(plugin, kind, base):
     import lerobot.robots
     import lerobot.teleoperators
 
@@ -51,14 +51,14 @@ def test_lerobot_finds_plugin_class_by_config_name(plugin, kind):
     assert getattr(plugin, kind).name == config.type
 
 
-def test_distribution_has_prefix_that_lerobot_looks_for():
+def test_distribution_name_has_prefix_required_by_lerobot():
     text = (ROOT / "integrations/lerobot/pyproject.toml").read_text("utf-8")
     assert tomllib.loads(text)["project"]["name"] == "lerobot_robot_ikservo"
 
 
 @pytest.mark.parametrize("arm", ["so101", "wx250s", "planar2"])
 @pytest.mark.parametrize("action", ["joint", "ee", "ee_delta"])
-def test_robot_features_are_known_before_connecting(plugin, arm, action):
+def test_lerobot_robot_features_are_known_before_connecting(plugin, arm, action):
     robot = plugin.IkservoRobot(
         plugin.IkservoRobotConfig(id="a", arm=arm, port="sim", action=action)
     )
@@ -75,7 +75,7 @@ def test_robot_features_are_known_before_connecting(plugin, arm, action):
     assert not robot.is_connected
 
 
-def test_tip_pose_is_observed_on_request(plugin):
+def test_lerobot_observation_contains_tip_pose_on_request(plugin):
     config = plugin.IkservoRobotConfig(id="a", port="sim", observe_tip=True)
     joints = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", port="sim"))
     features = plugin.IkservoRobot(config).observation_features
@@ -83,7 +83,7 @@ def test_tip_pose_is_observed_on_request(plugin):
 
 
 @pytest.mark.parametrize("arm", ["so101", "wx250s", "planar2"])
-def test_bus_motors_are_joints_in_observation_order(plugin, arm):
+def test_lerobot_motors_are_joints_in_observation_order(plugin, arm):
     robot = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", arm=arm, port="sim"))
     assert [f"{name}.pos" for name in robot.bus.motors] == list(robot.observation_features)
     assert [motor.id for motor in robot.bus.motors.values()] == [
@@ -91,12 +91,12 @@ def test_bus_motors_are_joints_in_observation_order(plugin, arm):
     ]
 
 
-def test_unknown_action_kind_names_known_kinds(plugin):
+def test_unknown_lerobot_action_type_error_lists_known_types(plugin):
     with pytest.raises(ValueError, match="joint, ee, ee_delta"):
         plugin.IkservoRobotConfig(action="tip")
 
 
-def test_unconnected_device_raises_not_connected_error(plugin):
+def test_unconnected_lerobot_device_raises_not_connected_error(plugin):
     from lerobot.utils.errors import DeviceNotConnectedError
 
     robot = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", port="sim"))

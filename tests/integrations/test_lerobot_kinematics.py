@@ -18,7 +18,7 @@ def home(kinematics):
     return np.degrees(ikservo.load_model("so101").chain_pose("home"))
 
 
-def test_forward_kinematics_takes_degrees_and_returns_tip_pose(kinematics):
+def test_lerobot_forward_kinematics_takes_degrees(kinematics):
     chain = ikservo.load_model("so101").chain
     q = home(kinematics)
     np.testing.assert_allclose(
@@ -27,7 +27,7 @@ def test_forward_kinematics_takes_degrees_and_returns_tip_pose(kinematics):
     assert kinematics.joint_names == list(chain.names)
 
 
-def test_inverse_kinematics_converges_in_one_call_inside_limits(kinematics):
+def test_lerobot_inverse_kinematics_converges_in_one_call(kinematics):
     chain = ikservo.load_model("so101").chain
     rng = np.random.default_rng(3)
     for _ in range(50):
@@ -38,7 +38,7 @@ def test_inverse_kinematics_converges_in_one_call_inside_limits(kinematics):
         assert np.all(np.radians(q) <= chain.upper_rad + 1e-9)
 
 
-def test_inverse_kinematics_follows_line_beyond_reach_smoothly(kinematics):
+def test_lerobot_inverse_kinematics_is_smooth_beyond_reach(kinematics):
     q = home(kinematics)
     T = kinematics.forward_kinematics(q)
     largest = 0.0
@@ -50,7 +50,7 @@ def test_inverse_kinematics_follows_line_beyond_reach_smoothly(kinematics):
     assert np.linalg.norm(T[:3, 3] - kinematics.forward_kinematics(q)[:3, 3]) > 0.05
 
 
-def test_inverse_kinematics_keeps_gripper_value():
+def test_lerobot_inverse_kinematics_keeps_gripper_value():
     from lerobot_robot_ikservo import IkservoKinematics
 
     names = [joint.name for joint in ikservo.load_model("so101").joints]
@@ -65,7 +65,7 @@ def test_inverse_kinematics_keeps_gripper_value():
     assert not np.allclose(found[:-1], q[:-1])
 
 
-def test_orientation_weight_zero_ignores_orientation(kinematics):
+def test_zero_orientation_weight_ignores_orientation(kinematics):
     q = home(kinematics)
     T = kinematics.forward_kinematics(q)
     T[:3, :3] = T[:3, :3] @ exp_so3([0.0, 0.0, 0.8])
@@ -75,7 +75,7 @@ def test_orientation_weight_zero_ignores_orientation(kinematics):
     assert np.abs(turned - q).max() > 5.0
 
 
-def test_kinematics_of_open_arm_uses_its_limits():
+def test_lerobot_kinematics_of_open_arm_uses_its_limits():
     from lerobot_robot_ikservo import IkservoKinematics
 
     with ikservo.open_arm("so101", port="sim") as arm:
@@ -86,7 +86,7 @@ def test_kinematics_of_open_arm_uses_its_limits():
         assert np.all(np.radians(q) <= arm.chain.upper_rad + 1e-9)
 
 
-def test_joint_names_that_lack_a_chain_joint_are_refused():
+def test_lerobot_joint_names_must_include_every_arm_joint():
     from lerobot_robot_ikservo import IkservoKinematics
 
     with pytest.raises(ValueError, match="wrist_roll"):
@@ -96,7 +96,7 @@ def test_joint_names_that_lack_a_chain_joint_are_refused():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "koch", "px100", "wx250s"])
-def test_solver_spends_under_6000_iterations_out_of_reach(arm):
+def test_lerobot_solver_needs_under_6000_iterations_out_of_reach(arm):
     from lerobot_robot_ikservo.kinematics import TipSolver
 
     chain = ikservo.load_model(arm).chain
@@ -107,7 +107,7 @@ def test_solver_spends_under_6000_iterations_out_of_reach(arm):
     assert solver._pose.result.iterations < 6_000  # at about 1.3 µs; a frame has 33 ms
 
 
-def test_tip_solver_finds_reachable_jump_from_anywhere():
+def test_lerobot_tip_solver_reaches_target_from_any_start():
     from lerobot_robot_ikservo.kinematics import TipSolver
 
     chain = ikservo.load_model("so101").chain

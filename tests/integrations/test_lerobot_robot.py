@@ -51,7 +51,7 @@ def send(robot, action, frames):
         robot.send_action(action)
 
 
-def test_joint_actions_are_degrees_and_gripper_percent(connected):
+def test_lerobot_joint_actions_are_degrees_and_gripper_percent(connected):
     robot = connected()
     arm = arm_of(robot)
     jaws = arm.model.gripper
@@ -65,7 +65,7 @@ def test_joint_actions_are_degrees_and_gripper_percent(connected):
     assert seen.keys() == robot.observation_features.keys()
 
 
-def test_observation_sent_back_as_action_moves_nothing(connected):
+def test_lerobot_observation_used_as_action_moves_nothing(connected):
     robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     before = true_tip_m(arm_of(robot))
@@ -74,7 +74,7 @@ def test_observation_sent_back_as_action_moves_nothing(connected):
     np.testing.assert_allclose(true_tip_m(arm_of(robot)), before, atol=PLAY_M)
 
 
-def test_pose_action_moves_tip_and_gripper(connected):
+def test_lerobot_pose_action_moves_tip_and_gripper(connected):
     robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     action = {k: seen[k] for k in robot.action_features if k in seen}
@@ -87,7 +87,7 @@ def test_pose_action_moves_tip_and_gripper(connected):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "wx250s"])
-def test_ee_delta_steps_move_tip_along_axes_and_keep_tool_angle(connected, arm):
+def test_ee_delta_actions_move_tip_and_keep_tool_angle(connected, arm):
     robot = connected(action="ee_delta", arm=arm, step_m=0.001, observe_tip=True)
     send(robot, STAY, 60)  # the first motion is slow
     before = robot.get_observation()
@@ -100,7 +100,7 @@ def test_ee_delta_steps_move_tip_along_axes_and_keep_tool_angle(connected, arm):
     assert max(turned) < math.radians(3.0)
 
 
-def test_ee_delta_steps_move_remote_arm(connected, monkeypatch):
+def test_ee_delta_actions_move_remote_arm(connected, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.client_connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
@@ -117,7 +117,7 @@ def test_ee_delta_steps_move_remote_arm(connected, monkeypatch):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("step", "change"), [(2.0, 1), (0.0, -1), (-1.0, 0)])
-def test_gripper_steps_open_close_and_stay(connected, step, change):
+def test_lerobot_gripper_steps_open_close_or_hold_gripper(connected, step, change):
     robot = connected(action="ee_delta")
     before = robot.get_observation()["gripper.pos"]
     send(robot, {**STAY, "gripper": step}, 5)
@@ -126,7 +126,7 @@ def test_gripper_steps_open_close_and_stay(connected, step, change):
     assert after - before == pytest.approx(change * 10.0, abs=2.0)
 
 
-def test_ee_delta_out_of_reach_warns_once_and_returns_at_once(connected, caplog):
+def test_ee_delta_action_out_of_reach_warns_once(connected, caplog):
     robot = connected(action="ee_delta", step_m=0.004)
     send(robot, {**STAY, "delta_x": 1.0}, 140)  # on the way back the guard may refuse a goal
     assert sum("out of reach" in line for line in caplog.messages) == 1
@@ -136,7 +136,7 @@ def test_ee_delta_out_of_reach_warns_once_and_returns_at_once(connected, caplog)
     assert true_tip_m(arm_of(robot))[0] < furthest - 0.03
 
 
-def test_guard_refusal_is_logged_once_and_actions_continue(connected, caplog):
+def test_refused_lerobot_action_is_logged_once_and_next_runs(connected, caplog):
     robot = connected(action="ee_delta")
     send(robot, {**STAY, "delta_z": -1.0}, 200)
     assert any("the table" in line for line in caplog.messages)
@@ -146,7 +146,7 @@ def test_guard_refusal_is_logged_once_and_actions_continue(connected, caplog):
     assert true_tip_m(arm_of(robot))[2] > 0.05
 
 
-def test_goal_before_refused_one_is_still_reached(connected, caplog):
+def test_lerobot_goal_before_refused_one_is_still_reached(connected, caplog):
     robot = connected()
     send(robot, {"shoulder_pan.pos": 40.0}, 5)
     send(robot, {"shoulder_lift.pos": 90.0, "wrist_flex.pos": 90.0}, 2)
@@ -155,7 +155,7 @@ def test_goal_before_refused_one_is_still_reached(connected, caplog):
     assert math.degrees(true_joints(arm_of(robot))["shoulder_pan"]) == pytest.approx(40.0, abs=0.5)
 
 
-def test_joint_action_beyond_limit_is_clipped_and_returned(connected, caplog):
+def test_lerobot_joint_action_beyond_limit_is_clipped(connected, caplog):
     robot = connected()
     sent = robot.send_action({"elbow_flex.pos": 150.0})
     assert sent["elbow_flex.pos"] == pytest.approx(96.8, abs=0.2)
@@ -163,7 +163,7 @@ def test_joint_action_beyond_limit_is_clipped_and_returned(connected, caplog):
     assert {record.levelno for record in caplog.records} == {logging.WARNING}
 
 
-def test_jump_in_actions_is_followed_within_arm_limits(connected):
+def test_lerobot_action_jump_is_followed_within_arm_limits(connected):
     robot = connected(speed="fast")
     auditor = Auditor(arm_of(robot))
     send(robot, {"shoulder_pan.pos": 0.0}, 5)
@@ -172,7 +172,7 @@ def test_jump_in_actions_is_followed_within_arm_limits(connected):
     assert auditor.faults() == []
 
 
-def test_actions_after_stop_are_ignored_with_one_message(connected, caplog):
+def test_lerobot_actions_after_stop_are_ignored_with_one_message(connected, caplog):
     robot = connected()
     send(robot, {"shoulder_pan.pos": 5.0}, 20)
     arm_of(robot).stop("a person came near")
@@ -185,7 +185,7 @@ def test_actions_after_stop_are_ignored_with_one_message(connected, caplog):
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_action_with_nan_or_infinity_moves_nothing(connected, caplog, value):
+def test_lerobot_action_with_nan_or_infinity_moves_nothing(connected, caplog, value):
     robot = connected()
     before = true_joints(arm_of(robot))
     send(robot, {"shoulder_pan.pos": value}, 3)
@@ -194,7 +194,7 @@ def test_action_with_nan_or_infinity_moves_nothing(connected, caplog, value):
 
 
 @pytest.mark.parametrize("action", ["ee", "ee_delta"])
-def test_joint_positions_are_accepted_in_ee_modes(connected, action):
+def test_lerobot_ee_modes_accept_joint_positions(connected, action):
     robot = connected(action=action)
     start = robot.get_observation()
     send(robot, {**start, "shoulder_pan.pos": 40.0}, 120)
@@ -204,20 +204,20 @@ def test_joint_positions_are_accepted_in_ee_modes(connected, action):
     assert (away, back) == (pytest.approx(40.0, abs=0.5), pytest.approx(0.0, abs=0.5))
 
 
-def test_pose_has_priority_over_joint_positions_in_ee_mode(connected):
+def test_lerobot_ee_pose_has_priority_over_joint_positions(connected):
     robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     send(robot, {**seen, "shoulder_pan.pos": 40.0, "ee.gripper_pos": seen["gripper.pos"]}, 60)
     assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(0.0, abs=0.5)
 
 
-def test_lerobot_action_of_another_kind_names_its_option(connected):
+def test_wrong_lerobot_action_type_error_names_its_option(connected):
     robot = connected(action="joint")
     with pytest.raises(ValueError, match="action=ee_delta"):
         robot.send_action(STAY)
 
 
-def test_disconnect_keeps_torque_on_and_arm_in_place(connected):
+def test_lerobot_disconnect_keeps_torque_on(connected):
     robot = connected()
     send(robot, {"shoulder_lift.pos": 0.0}, 100)
     arm, before = arm_of(robot), true_joints(arm_of(robot))
@@ -229,7 +229,7 @@ def test_disconnect_keeps_torque_on_and_arm_in_place(connected):
     assert all(abs(after[name] - before[name]) < 0.02 for name in before)
 
 
-def test_on_exit_relax_lowers_arm_before_torque_off(connected):
+def test_lerobot_on_exit_relax_lowers_arm_before_torque_off(connected):
     robot = connected(on_exit="relax")
     send(robot, {"shoulder_pan.pos": 5.0}, 20)
     arm = arm_of(robot)
@@ -239,7 +239,7 @@ def test_on_exit_relax_lowers_arm_before_torque_off(connected):
     assert at["shoulder_lift"] == pytest.approx(rest["shoulder_lift"], abs=0.1)
 
 
-def test_connect_moves_nothing_and_keeps_torque_off(connected):
+def test_lerobot_connect_moves_nothing_and_keeps_torque_off(connected):
     robot = connected(port="sim")
     assert robot.is_connected
     assert robot.is_calibrated
@@ -255,7 +255,7 @@ def test_unplugged_port_raises_port_lost_error(connected):
         send(robot, {"shoulder_pan.pos": 10.0}, 50)
 
 
-def test_second_connect_is_refused(connected):
+def test_second_lerobot_connect_is_refused(connected):
     from lerobot.utils.errors import DeviceAlreadyConnectedError
 
     robot = connected()
@@ -284,7 +284,7 @@ class Camera:
         return np.zeros((4, 6, 3), np.uint8)
 
 
-def test_cameras_are_opened_read_and_closed_with_robot(connected):
+def test_lerobot_cameras_are_opened_and_closed_with_robot(connected):
     camera = Camera()
     robot = connected(cameras={"wrist": camera})
     assert robot.observation_features["wrist"] == (4, 6, 3)

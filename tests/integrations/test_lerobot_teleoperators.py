@@ -19,7 +19,7 @@ def plugin():
     return lerobot_robot_ikservo
 
 
-def test_leader_action_is_its_measured_joints(plugin):
+def test_lerobot_leader_action_is_its_measured_joints(plugin):
     leader = plugin.IkservoLeader(plugin.IkservoLeaderConfig(id="a", port="sim:?pose=home"))
     leader.connect()
     line_of(leader._connection.arm).world.place("wrist_roll", math.radians(25.0))
@@ -30,7 +30,7 @@ def test_leader_action_is_its_measured_joints(plugin):
     assert not leader.is_connected
 
 
-def test_warning_names_leader_with_torque_on(plugin, caplog):
+def test_lerobot_leader_with_torque_on_gives_warning(plugin, caplog):
     leader = plugin.IkservoLeader(plugin.IkservoLeaderConfig(id="a", port="sim:?pose=home"))
     opened = ikservo.open_arm
 
@@ -46,7 +46,7 @@ def test_warning_names_leader_with_torque_on(plugin, caplog):
     assert "ikservo relax" in caplog.text
 
 
-def test_lerobot_page_action_is_joints_of_its_simulated_arm(plugin, caplog):
+def test_lerobot_page_teleoperator_returns_joints_of_its_arm(plugin, caplog):
     page = plugin.IkservoPage(plugin.IkservoPageConfig(id="a", http_port=0))
     page.connect()
     try:
@@ -59,7 +59,7 @@ def test_lerobot_page_action_is_joints_of_its_simulated_arm(plugin, caplog):
     assert not page.is_connected
 
 
-def test_page_with_unknown_pose_is_refused_before_opening(plugin):
+def test_lerobot_page_teleoperator_refuses_unknown_pose(plugin):
     with pytest.raises(ikservo.UnknownNameError, match="home"):
         plugin.IkservoPage(plugin.IkservoPageConfig(id="a", pose="hoem"))
 
@@ -72,14 +72,14 @@ def test_page_with_unknown_pose_is_refused_before_opening(plugin):
         ({"lerobot_calibration": "black"}, "import lerobot black --arm so101 --port /dev/ttyX"),
     ],
 )
-def test_calibration_command_runs_calibrate_or_lerobot_import(plugin, options, words):
+def test_lerobot_calibrate_runs_calibration_or_import(plugin, options, words):
     from lerobot_robot_ikservo.calibration import calibration_command
 
     config = plugin.IkservoRobotConfig(port="/dev/ttyX", **options)
     assert calibration_command(config) == [sys.executable, "-m", "ikservo", *words.split()]
 
 
-def test_failed_calibration_raises_calibration_error(plugin, monkeypatch):
+def test_failed_lerobot_calibration_raises_calibration_error(plugin, monkeypatch):
     from lerobot_robot_ikservo import calibration
 
     robot = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", port="sim"))
@@ -90,7 +90,7 @@ def test_failed_calibration_raises_calibration_error(plugin, monkeypatch):
         robot.calibrate()
 
 
-def test_calibration_is_written_to_lerobot_folder(plugin, monkeypatch, folders):
+def test_lerobot_calibrate_writes_to_lerobot_folder(plugin, monkeypatch, folders):
     mounted = make_mounted_arm("so101", 21, spoiled=False)
 
     def open_transport(port, baud_rate):

@@ -96,7 +96,7 @@ def test_overheated_servo_during_motion_exits_5(terminal, simulator):
 
 
 @pytest.mark.campaign
-def test_error_names_joint_blocked_by_hand_and_recover_frees_it(terminal, simulator):
+def test_joint_blocked_by_hand_is_named_and_recovered(terminal, simulator):
     with under_way(terminal, simulator) as program:
         simulator.send_command("hand", joint="shoulder_pan", deg=5, force=50)
         ended = program.ended()
@@ -119,7 +119,7 @@ def test_arm_of_killed_program_stops_and_moves_again(terminal, simulator):
     assert_moves_again(terminal, simulator)
 
 
-def test_ctrl_c_holds_arm_and_it_moves_again(terminal, simulator):
+def test_arm_holds_after_ctrl_c_and_moves_again(terminal, simulator):
     with under_way(terminal, simulator) as program:
         program.type("\x03")
         ended = program.ended()

@@ -82,13 +82,13 @@ def judge(monkeypatch, folder, arm, line, posture, kind):
     assert not wrong, (wrong, (result.out + result.err)[-900:])
 
 
-def test_every_command_has_test_arguments():
+def test_every_command_is_covered_by_journey_tests():
     assert all(lines_of(command) for command in commands())
 
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize(NAMES, on_every_arm(some), ids=name_of)
-def test_sampled_commands_exit_with_allowed_code_and_safe_arm(
+def test_sampled_commands_exit_with_valid_code_and_safe_arm(
     monkeypatch, tmp_path, arm, line, posture, kind
 ):
     judge(monkeypatch, tmp_path, arm, line, posture, kind)

@@ -62,7 +62,7 @@ def _called(machine, method, folder, watch):
     return CommandResult(0, "", "")
 
 
-def test_every_public_method_has_arguments(tmp_path):
+def test_every_public_method_is_covered_by_journey_tests(tmp_path):
     with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
         for method in methods():
             arguments(method, machine, tmp_path)
@@ -70,20 +70,20 @@ def test_every_public_method_has_arguments(tmp_path):
 
 @pytest.mark.sample(10)
 @pytest.mark.parametrize(NAMES, on_every_arm(some))
-def test_sampled_methods_end_with_allowed_result_and_safe_arm(
+def test_sampled_methods_end_as_allowed_with_safe_arm(
     monkeypatch, tmp_path, arm, method, posture, kind
 ):
     judge(monkeypatch, tmp_path, arm, method, posture, kind)
 
 
 @pytest.mark.campaign
-def test_every_method_ends_with_allowed_result_and_safe_arm(
+def test_every_method_ends_as_allowed_with_safe_arm(
     monkeypatch, tmp_path, arm, method, posture, kind
 ):
     judge(monkeypatch, tmp_path, arm, method, posture, kind)
 
 
-test_every_method_ends_with_allowed_result_and_safe_arm.matrix = (
+test_every_method_ends_as_allowed_with_safe_arm.matrix = (
     NAMES,
     lambda: on_every_arm(cases),
     None,

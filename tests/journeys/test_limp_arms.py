@@ -23,11 +23,11 @@ METHODS = [name for name in methods() if name not in LISTENING + PLUGGED]
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize("line", LINES, ids=test_every_command.name_of)
-def test_no_command_makes_limp_arm_jump(monkeypatch, tmp_path, line):
+def test_no_command_makes_joints_of_limp_arm_jump(monkeypatch, tmp_path, line):
     test_every_command.judge(monkeypatch, tmp_path, ARM, line, POSTURE, "sim")
 
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize("method", METHODS)
-def test_no_method_makes_limp_arm_jump(monkeypatch, tmp_path, method):
+def test_no_method_makes_joints_of_limp_arm_jump(monkeypatch, tmp_path, method):
     test_every_method.judge(monkeypatch, tmp_path, ARM, method, POSTURE, "sim")

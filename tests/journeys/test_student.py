@@ -30,7 +30,7 @@ def test_solve_all_lists_both_elbows_of_two_links(terminal):
     assert not ended.long
 
 
-def test_solve_trace_is_plotted_to_png_file(terminal, tmp_path):
+def test_solve_command_plots_trace_to_png_file(terminal, tmp_path):
     picture = tmp_path / "ccd.png"
     words = ["solve", "0.25", "0.10", "0.05", "--arm", "planar3", "--method", "ccd"]
     ended = terminal.run(*words, "--trace", "--plot", picture)
@@ -44,7 +44,7 @@ def test_solve_of_point_out_of_reach_exits_7(terminal):
     assert not ended.long
 
 
-def test_solve_help_has_no_broken_lines(terminal):
+def test_solve_help_fits_terminal_width(terminal):
     ended = terminal.run("solve", "--help")
     assert ended.code == 0
     assert not ended.long
@@ -62,7 +62,7 @@ def test_solve_help_has_no_broken_lines(terminal):
         "solve 0.2 0 --arm so101",
     ],
 )
-def test_mistyped_solve_arguments_exit_2_with_short_error(terminal, words):
+def test_invalid_solve_arguments_exit_2_with_short_error(terminal, words):
     ended = terminal.run(*words.split())
     assert ended.code == 2
     assert "Traceback" not in ended.text

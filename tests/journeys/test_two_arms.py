@@ -23,7 +23,7 @@ def terminal(request, tmp_path):
     return Terminal(request.param, {"IKSERVO_HOME": str(tmp_path / "home")})
 
 
-def test_follower_arm_takes_joints_of_leader(terminal, tmp_path):
+def test_follower_arm_reaches_joint_positions_of_leader(terminal, tmp_path):
     with (
         run_simulator(tmp_path / "leader", "so101", "--pose", "home", "--physics") as leader,
         run_simulator(tmp_path / "follower", "so101", "--pose", "home", "--physics") as follower,

@@ -33,7 +33,7 @@ def bent_chain(name, compliance=0.15, half_play=0.0):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x"])
-def test_sagging_tip_equals_that_of_simulator(name):
+def test_computed_sagged_tip_equals_that_of_simulator(name):
     chain, model = bent_chain(name), load_model(name)
     yields = dict.fromkeys(chain.names, 0.15)
     world = make_arm_world(read_arm_file(model.path), specimen=Specimen(compliances=yields))
@@ -46,7 +46,7 @@ def test_sagging_tip_equals_that_of_simulator(name):
         np.testing.assert_allclose(drooped, world.tip.position_m(positions), atol=2e-4)
 
 
-def test_batch_bent_link_poses_equal_poses_of_each_q():
+def test_batch_sagged_link_poses_equal_poses_of_each_posture():
     chain = bent_chain("so101", half_play=0.004)
     q = random_joints(chain, 6)
     poses = chain.link_poses(q)
@@ -55,14 +55,14 @@ def test_batch_bent_link_poses_equal_poses_of_each_q():
         np.testing.assert_allclose(chain.forward(one, "wrist"), poses["wrist"][i], atol=1e-9)
 
 
-def test_bent_links_are_in_balance():
+def test_sagged_links_are_in_static_equilibrium():
     bending = bent("so101", 0.15, 0.004)
     q = random_joints(bending.dynamics.chain, 20)
     links = bending.link_joints(q)
     np.testing.assert_allclose(links - bending.deflection(links), q, atol=1e-8)
 
 
-def test_bending_derivatives_equal_finite_differences():
+def test_sag_derivatives_equal_finite_differences():
     bending = bent("so101", 0.1, 0.003)
     q, step = random_joints(bending.dynamics.chain, 5), 1e-5
     found = bending.derivatives(bending.link_joints(q))
@@ -83,7 +83,7 @@ def test_bending_derivatives_equal_finite_differences():
             np.testing.assert_allclose(by_what[:, :, k], (after - before) / (2 * step), atol=2e-3)
 
 
-def test_chain_that_does_not_bend_is_its_own_rigid_chain():
+def test_chain_without_compliance_is_its_own_rigid_chain():
     chain = load_model("so101").chain
     assert chain.rigid is chain
     assert bent_chain("so101").rigid.link_joints is None

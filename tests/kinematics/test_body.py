@@ -28,31 +28,31 @@ def rail(*more, postures=()):
 Q = np.array([[0.5, 0.5], [2.0, 1.0]])
 
 
-def test_body_of_joined_links_has_no_pairs():
+def test_collision_body_of_adjacent_links_has_no_pairs():
     ends = np.zeros(3), np.array([0.3, 0.0, 0.0])
     body = CollisionBody(planar(0.3, 0.2), [Capsule(link, *ends, 0.02) for link in ("l0", "l1")])
     gaps = body.link_distances(np.zeros((3, 2)))
     assert (gaps.pairs, gaps.gap_m.shape) == ((), (3, 0))
 
 
-def test_pairs_are_links_with_more_than_one_joint_between():
+def test_collision_pairs_are_links_more_than_one_joint_apart():
     assert rail(ball("cart", 0.1), ball("plate", 0.1)).pairs == (("base", "tip"),)
     assert CollisionBody(planar(0.3, 0.2, 0.1), [ball(f"l{i}", 0.01) for i in range(4)]).pairs == (
         ("l0", "l2"), ("l0", "l3"), ("l1", "l3"),
     )  # fmt: skip
 
 
-def test_gap_of_two_balls_is_distance_less_both_radii():
+def test_distance_of_two_balls_is_centre_distance_minus_radii():
     gaps = rail().link_distances(Q)
     np.testing.assert_allclose(gaps.gap_m, [[1.0 - 0.3], [3.0 - 0.3]])
 
 
-def test_link_gap_is_gap_of_its_nearest_ball():
+def test_distance_of_link_is_that_of_its_nearest_ball():
     near = rail(ball("base", 0.05, (0.6, 0, 1.0)))
     np.testing.assert_allclose(near.link_distances(Q).gap_m, [[0.4 - 0.25], [2.4 - 0.25]])
 
 
-def test_overlap_in_free_posture_adds_4_mm_allowance():
+def test_overlap_of_known_free_posture_adds_4_mm_allowance():
     free = [[0.1, 0.15], [0.9, 0.9]]
     np.testing.assert_allclose(
         rail(postures=free).link_distances(Q).gap_m, [[0.7 + 0.054], [2.7 + 0.054]]
@@ -60,20 +60,20 @@ def test_overlap_in_free_posture_adds_4_mm_allowance():
     np.testing.assert_allclose(rail(postures=[[0.9, 0.9]]).link_distances(Q).gap_m, [[0.7], [2.7]])
 
 
-def test_floor_distance_counts_from_lowest_point():
+def test_floor_distance_is_measured_from_lowest_point():
     gaps = rail().floor_distances(Q, 0.25)
     assert gaps.pairs == (("tip", "the table"),)
     np.testing.assert_allclose(gaps.gap_m, [[1.0 - 0.2 - 0.25]] * 2)
 
 
-def test_box_distance_counts_from_side_of_box():
+def test_box_distance_is_measured_from_box_surface():
     gaps = box_distances(rail(), Q, np.array([1.5, -1, 0]), np.array([2.5, 1, 2]), "the crate")
     assert gaps.pairs == (("tip", "the crate"),)
     np.testing.assert_allclose(gaps.gap_m, [[0.5 - 0.2], [0.5 - 0.2]], atol=1e-9)
 
 
 @pytest.mark.parametrize("postures", [(), [[0.1, 0.15]]])
-def test_packed_body_lists_capsules_of_each_pair(postures):
+def test_packed_collision_body_lists_capsules_of_each_pair(postures):
     chain = planar(0.3, 0.2, 0.1)
     capsules = [ball("l0", 0.1), ball("l2", 0.2), ball("l3", 0.3), ball("l2", 0.4), ball("l1", 0.5)]
     packed = CollisionBody(chain, capsules).pack()

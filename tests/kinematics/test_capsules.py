@@ -71,13 +71,13 @@ def _coal(p, q, radius_m):
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(points, points, points, points), min_size=1, max_size=5))
-def test_batch_segment_distances_equal_distance_of_each_pair(quadruples):
+def test_batch_segment_distances_equal_single_distances(quadruples):
     together = segment_distance(*(np.array(ends) for ends in zip(*quadruples, strict=True)))
     alone = [float(segment_distance(*quadruple)) for quadruple in quadruples]
     np.testing.assert_allclose(together, alone, atol=1e-12)
 
 
-def test_point_is_segment_of_zero_length():
+def test_distance_to_point_equals_segment_of_zero_length():
     origin, one = np.zeros(3), np.array([1.0, 0, 0])
     assert segment_distance(origin, origin, one, one) == pytest.approx(1.0)
     assert segment_distance(origin, origin, one, -one) == pytest.approx(0.0)
@@ -95,7 +95,7 @@ def test_distance_of_parallel_segments_equals_dense_search(p1, q1, p2, stretch, 
     assert densest - 0.02 <= segment_distance(p1, q1, p2, q2) <= densest + 1e-7
 
 
-def test_batch_segment_box_distances_equal_each_distance():
+def test_batch_segment_box_distances_equal_single_distances():
     ends = np.random.default_rng(4).uniform(-1, 1, (2, 5, 4, 3))
     low, high = np.array([-0.2, -0.3, 0.0]), np.array([0.3, 0.1, 0.4])
     together = segment_box_distance(*ends, low, high)

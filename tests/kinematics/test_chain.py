@@ -16,7 +16,7 @@ angles = st.floats(-3.0, 3.0)
 
 
 @given(angles, angles)
-def test_planar_2r_forward_equals_trigonometry(a, b):
+def test_planar_2r_forward_kinematics_equals_trigonometry(a, b):
     tip = planar(0.3, 0.2).forward([a, b])[:3, 3]
     expected = [0.3 * math.cos(a) + 0.2 * math.cos(a + b),
                 0.3 * math.sin(a) + 0.2 * math.sin(a + b), 0.0]  # fmt: skip
@@ -32,12 +32,12 @@ def test_mimic_joint_is_not_a_degree_of_freedom():
     assert crane().names == ("turn", "slide")
 
 
-def test_link_beside_path_to_tip_is_a_frame():
+def test_link_off_chain_to_tip_can_be_used_as_frame():
     lever = crane().forward([0.0, 0.0], frame="lever")
     assert math.atan2(lever[1, 0], lever[0, 0]) == pytest.approx(0.2)  # nearest to 0 in 0.2…0.9
 
 
-def test_frame_offset_is_a_point_and_does_not_turn():
+def test_frame_offset_moves_point_without_rotation():
     chain = planar(0.3, 0.2)
     moved = chain.forward([0.0, math.pi / 2], frame="l2", offset_m=(0.2, 0, 0))
     np.testing.assert_allclose(moved, chain.forward([0.0, math.pi / 2]), atol=1e-15)
@@ -58,7 +58,7 @@ def test_jacobian_is_zero_for_joints_beyond_frame():
     assert not J[:, 1:].any()
 
 
-def test_with_limits_leaves_original_chain_unchanged():
+def test_chain_with_new_limits_leaves_original_unchanged():
     chain = planar(0.3, 0.2)
     narrow = chain.with_limits([-1, 0], [1, 2])
     assert narrow.lower_rad.tolist() == [-1, 0]
@@ -70,7 +70,7 @@ def test_chain_limits_are_read_only():
         planar(0.3, 0.2).lower_rad[0] = 5.0
 
 
-def test_reversed_limits_are_refused_with_joint_name():
+def test_reversed_joint_limits_are_refused_with_joint_name():
     with pytest.raises(BadValueError, match="range of j2"):
         planar(0.3, 0.2).with_limits([-1, 2], [1, 0])
 
@@ -81,17 +81,17 @@ def test_joint_vector_of_wrong_size_or_nan_is_refused(q):
         planar(0.3, 0.2).forward(q)
 
 
-def test_unknown_frame_suggests_closest_link():
+def test_unknown_frame_error_suggests_closest_link():
     with pytest.raises(UnknownNameError, match="Did you mean tip"):
         planar(0.3, 0.2).forward([0, 0], frame="tipp")
 
 
-def test_joint_order_of_description_does_not_matter():
+def test_chain_does_not_depend_on_joint_order_of_description():
     assert crane().frames == tuple(crane().link_poses([0, 0]))
     assert set(crane().frames) == {"base", "column", "cart", "hook", "lever"}
 
 
-def test_tip_without_moving_joint_is_refused():
+def test_chain_tip_without_moving_joint_is_refused():
     fixed = joint("weld", JointType.FIXED, "base", "tip")
     with pytest.raises(ValueError, match="No joint moves 'tip'"):
         Chain.from_joints([fixed], "base", "tip")
@@ -109,23 +109,23 @@ def _assert_jacobian(chain, q, frame, offset_m, h=1e-6):
         np.testing.assert_allclose(J[3:, i], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)
 
 
-def test_tip_not_connected_to_base_is_refused():
+def test_chain_tip_not_connected_to_base_is_refused():
     arm = joint("elbow", JointType.REVOLUTE, "base", "hand")
     with pytest.raises(UnknownNameError, match="hnad"):
         Chain.from_joints([arm], "base", "hnad")
 
 
-def test_joint_range_may_be_single_value():
+def test_joint_limits_may_be_single_value():
     locked = planar(0.3, 0.2).with_limits([0.5, -1.0], [0.5, 1.0])
     assert locked.upper_rad.tolist() == [0.5, 1.0]
 
 
-def test_mid_range_is_middle_of_limits():
+def test_chain_mid_range_is_middle_of_joint_limits():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.5], [2.0, 1.0])
     assert chain.mid_range().tolist() == [0.5, 0.75]
 
 
-def test_mid_range_of_one_sided_joint_is_value_nearest_zero():
+def test_mid_range_of_one_sided_limit_is_value_nearest_zero():
     turning = joint("spin", JointType.REVOLUTE, "base", "tip", lower=0.5)
     assert Chain.from_joints([turning], "base", "tip").mid_range().tolist() == [0.5]
 
@@ -145,14 +145,14 @@ def test_limits_for_wrong_number_of_joints_are_refused(limits):
         planar(0.3, 0.2).with_limits(limits, [1.0, 1.0])
 
 
-def test_with_origins_moves_one_joint_and_keeps_original():
+def test_chain_with_new_origin_leaves_original_unchanged():
     chain, q = planar(0.3, 0.2), [0.0, math.pi / 2]
     moved = chain.with_origins({"j2": make_pose(np.array([0.4, 0.0, 0.1]))})
     np.testing.assert_allclose(moved.forward(q)[:3, 3], [0.4, 0.2, 0.1], atol=1e-15)
     np.testing.assert_allclose(chain.forward(q)[:3, 3], [0.3, 0.2, 0.0], atol=1e-15)
 
 
-def test_with_origins_refuses_unknown_joint_and_invalid_pose():
+def test_chain_origin_of_unknown_joint_or_bad_pose_is_refused():
     chain = planar(0.3, 0.2)
     with pytest.raises(UnknownNameError, match="Did you mean j2"):
         chain.with_origins({"jj2": np.eye(4)})
@@ -163,12 +163,12 @@ def test_with_origins_refuses_unknown_joint_and_invalid_pose():
         chain.with_origins([np.eye(4)])
 
 
-def test_repr_of_chain_leaves_out_its_tables():
+def test_repr_of_chain_omits_internal_tables():
     assert "names=('turn', 'slide')" in repr(crane())
     assert "ChainJoint" not in repr(crane())
 
 
-def test_mimics_of_long_chain_are_resolved_once(monkeypatch):
+def test_mimic_joints_of_long_chain_are_resolved_once(monkeypatch):
     resolved, resolve = [], joints._resolve_mimic
     monkeypatch.setattr(
         joints, "_resolve_mimic", lambda *words: resolved.append(1) or resolve(*words)

@@ -54,7 +54,7 @@ def test_manipulability_uses_only_linear_jacobian_rows():
     assert conditioning(chain, q).manipulability == pytest.approx(float(manipulability(J[:3])))
 
 
-def test_slowest_direction_of_right_angle_elbow_is_exact():
+def test_slowest_direction_with_right_angle_elbow_is_exact():
     # J = [[-b, -b], [a, 0]] for lengths a and b with the elbow at 90°
     a, b = 0.3, 0.2
     found = conditioning(planar(a, b), [0.0, math.pi / 2])
@@ -67,7 +67,7 @@ def test_stretched_arm_cannot_move_outwards():
     assert conditioning(planar(0.3, 0.2), [0.4, 0.0]).slowest_m_rad < 1e-12
 
 
-def test_arm_without_spare_joint_cannot_turn_about_its_tip():
+def test_arm_without_redundancy_cannot_turn_about_its_tip():
     found = conditioning(planar(0.3, 0.2), [0.4, 0.6])
     assert not found.turns_rad_rad.size
 
@@ -87,7 +87,7 @@ def test_nearest_singularity_of_two_links_is_straight_elbow(elbow_rad):
     assert found.joint == "j2"
 
 
-def test_limits_may_exclude_every_singularity():
+def test_joint_limits_may_exclude_every_singularity():
     chain = planar(0.3, 0.2).with_limits([-1.0, 0.4], [1.0, 2.0])
     assert nearest_singularity(chain, [0.0, 1.0]) is None
 
@@ -118,13 +118,13 @@ def test_nearest_singularity_is_singular_and_inside_limits(name, turning):
             assert np.array_equal(found.q, chain.clip(found.q))
 
 
-def test_fixed_point_has_no_motion_and_no_singularity():
+def test_fixed_frame_has_no_motion_and_no_singularity():
     chain = planar(0.3, 0.2)
     assert conditioning(chain, [0.1, 0.2], frame="l0").moves_m_rad.size == 0
     assert nearest_singularity(chain, [0.1, 0.2], frame="l0", rotation=True) is None
 
 
-def test_prismatic_joint_counts_metre_as_radian():
+def test_conditioning_counts_metre_of_prismatic_joint_as_radian():
     found = conditioning(crane(), [0.0, 0.2])
     assert found.moves_m_rad[0] == pytest.approx(math.hypot(1.0, 0.5))
 
@@ -154,7 +154,7 @@ def test_shoulder_elbow_manipulability_equals_closed_form(q):
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s", "px100"])
-def test_conditioning_counts_rotations_that_leave_tip_in_place(name):
+def test_conditioning_lists_rotations_with_tip_in_place(name):
     model = load_model(name)
     q = model.chain_pose("home") + 0.2
     J = model.chain.jacobian(q)
@@ -165,7 +165,7 @@ def test_conditioning_counts_rotations_that_leave_tip_in_place(name):
     np.testing.assert_allclose(found, turns[: len(found)])
 
 
-def test_point_on_axis_of_its_only_joint_has_no_motion():
+def test_point_on_axis_of_only_joint_cannot_move():
     tilted = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
     chain = Chain.from_joints(
         [
@@ -207,7 +207,7 @@ def test_nearest_singularity_from_singular_posture_is_zero(q):
     assert nearest_singularity(planar(0.3, 0.2), q).distance_rad < 1e-8
 
 
-def test_wrist_singularity_counts_only_with_rotation():
+def test_wrist_singularity_counts_only_for_orientation_targets():
     model = load_model("wx250s")
     q = model.chain_pose("home").copy()
     q[1:3], q[4] = (0.3, 0.4), 0.1
@@ -217,7 +217,7 @@ def test_wrist_singularity_counts_only_with_rotation():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_limit_does_not_hide_singularity_on_other_side(side):
+def test_joint_limit_does_not_hide_singularity_on_other_side(side):
     # From here the elbow is downhill when it bends further, to a limit before the folded posture.
     chain = planar(0.3, 0.2).with_limits([-3.0, -2.8], [3.0, 2.8])
     here, further = (conditioning(chain, [0.0, side * bend]).slowest_m_rad for bend in (2.5, 2.6))
@@ -246,7 +246,7 @@ def test_singularity_is_found_although_joint_is_at_limit(mirrored):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_singularity_search_does_not_overshoot(side):
+def test_nearest_singularity_search_does_not_overshoot(side):
     lift, bend = side * 2.0, side * 1.8
     found = nearest_singularity(shoulder(0.2, 0.2), [0.5, lift, bend])
     above_the_column_rad = (abs(lift + bend / 2) - math.pi / 2) / math.hypot(1.0, 0.5)
@@ -260,7 +260,7 @@ def test_batch_manipulability_has_one_value_per_jacobian():
 
 
 @pytest.mark.parametrize("sample", range(len(ordinary_postures(2))))
-def test_arm_straight_at_nonzero_angle_keeps_two_directions(
+def test_arm_straight_at_nonzero_angle_lists_two_directions(
     sample,
 ):
     bend = ordinary_postures(2)[sample, 1]

@@ -127,7 +127,7 @@ def test_mimic_joint_loads_its_leader_by_its_ratio():
     np.testing.assert_allclose(ours.gravity_torques([0.3, 0.1]), [0.0, -9.81], atol=1e-12)
 
 
-def test_jaw_mass_counts_with_gripper_link():
+def test_jaw_mass_is_added_to_gripper_link():
     oracle = oracle_of("so101")
     ours = dynamics_of("so101")
     assert ours.bodies == ("shoulder", "upper_arm", "forearm", "wrist", "gripper")
@@ -142,7 +142,7 @@ def test_base_mass_does_not_load_joints():
     assert not Dynamics.from_masses(crane(), [base]).parameters.any()
 
 
-def test_second_payload_adds_to_first():
+def test_second_payload_is_added_to_first():
     twice = dynamics_of("koch").with_payload(*PAYLOAD).with_payload(*PAYLOAD)
     double = dynamics_of("koch").with_payload(2 * PAYLOAD[0], PAYLOAD[1], 2 * TENSOR)
     np.testing.assert_allclose(twice.parameters, double.parameters)
@@ -212,7 +212,7 @@ def test_base_parameter_count_equals_pinocchio_rank(name):
     assert np.linalg.matrix_rank(found.reduce(Y), 1e-9 * np.linalg.norm(Y, 2)) == len(found.columns)
 
 
-def test_base_parameters_do_not_depend_on_seed(name):
+def test_base_parameters_do_not_depend_on_random_seed(name):
     first, second = (base_parameters(dynamics_of(name), seed=seed) for seed in (1, 2))
     np.testing.assert_array_equal(first.columns, second.columns)
 
@@ -229,7 +229,7 @@ def test_base_parameters_give_same_torques_as_all(pair):
     np.testing.assert_allclose(found, expected, atol=1e-8, rtol=1e-8)
 
 
-def test_parameters_below_tolerance_hardly_change_torques(pair):
+def test_dropped_dynamic_parameters_hardly_change_torques(pair):
     ours, oracle = pair
     q, qd, qdd = stacked(oracle)
     base, expected = base_parameters(ours), ours.inverse_dynamics(q, qd, qdd)
@@ -248,7 +248,7 @@ def test_least_squares_recovers_base_parameters(pair):
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 
 
-def test_friction_columns_stay_independent_of_bodies():
+def test_friction_columns_are_independent_of_inertia_columns():
     ours, random = dynamics_of("so101"), np.random.default_rng(2)
     q, qd, qdd = random.uniform(-1.0, 1.0, (3, 100, 5))
     friction = np.einsum("ni,ij->nij", qd, np.eye(5))
@@ -258,7 +258,7 @@ def test_friction_columns_stay_independent_of_bodies():
     np.testing.assert_allclose(found.combination[-5:, 55:], np.eye(5), atol=1e-9)
 
 
-def test_column_effect_is_relative_to_largest_column():
+def test_regressor_column_tolerance_is_relative_to_largest():
     # two orthogonal columns, the second a thousandth of the first, in any unit of torque
     for unit in (1.0, 1e-6):
         Y = unit * np.array([[1.0, 1e-3], [1.0, -1e-3]] * 20)
@@ -268,14 +268,14 @@ def test_column_effect_is_relative_to_largest_column():
         assert list(independent_columns(Y, [1.0, 0.1], 5e-4).columns) == [0]
 
 
-def test_tolerance_is_relative_to_largest_column_not_sample():
+def test_regressor_tolerance_ignores_largest_single_sample():
     # the third column has 1.2e-3 of the largest; the first sample is longer than any column
     Y = [[1.0, 1.0, 0.0], [0.0, 0.0, 1.2e-3]]
     assert list(independent_columns(Y, np.ones(3), 1e-3).columns) == [0, 2]
     assert list(independent_columns(Y, np.ones(3), 1.3e-3).columns) == [0]
 
 
-def test_last_column_is_found_with_fewer_samples_than_columns():
+def test_independent_column_is_found_with_fewer_samples():
     assert list(independent_columns([[0.0, 0.0, 2.0]], np.ones(3)).columns) == [2]
 
 
@@ -302,7 +302,7 @@ def test_dynamics_refuse_invalid_joint_vector(bad):
 
 
 @pytest.mark.parametrize("column", [1, 2])
-def test_rates_with_another_shape_than_q_are_refused(column):
+def test_dynamics_refuse_velocities_of_wrong_shape(column):
     motion = [np.zeros(5)] * 3
     motion[column] = np.zeros((3, 5))
     what = ("q", "qd", "qdd")[column]
@@ -323,25 +323,25 @@ def test_rates_with_another_shape_than_q_are_refused(column):
         ((0.1, (0, 0, 0), [[0, 1, 0], [0, 0, 0], [0, 0, 0]]), "symmetric"),
     ],
 )
-def test_invalid_mass_or_centre_is_refused(mass, named):
+def test_dynamics_refuse_invalid_mass_or_centre(mass, named):
     with pytest.raises(BadValueError, match=named):
         LinkMass("hook", *mass)
     with pytest.raises(BadValueError, match=named):
         Dynamics.from_masses(crane(), []).with_payload(*mass)
 
 
-def test_mass_of_unknown_link_is_refused():
+def test_dynamics_refuse_mass_of_unknown_link():
     with pytest.raises(UnknownNameError, match="hok"):
         Dynamics.from_masses(crane(), [LinkMass("hok", 1.0, np.zeros(3))])
 
 
 @pytest.mark.parametrize("gravity", [(0, 9.81), (0, 0, math.nan), "down"])
-def test_invalid_gravity_is_refused(gravity):
+def test_dynamics_refuse_invalid_gravity(gravity):
     with pytest.raises(BadValueError, match="gravity"):
         Dynamics.from_masses(crane(), [], gravity)
 
 
-def test_wrong_number_of_parameters_is_refused():
+def test_dynamics_refuse_wrong_number_of_parameters():
     ours = dynamics_of("so101")
     with pytest.raises(BadValueError, match="parameters"):
         ours.with_parameters([1.0, 2.0])

@@ -22,7 +22,7 @@ def some_geometry(chain, seed=1):
     return GeometricErrors(chance.normal(0, 0.01, 3), chance.normal(0, 0.05, 3), origins)
 
 
-def test_zero_geometric_errors_leave_chain_unchanged():
+def test_zero_geometric_corrections_leave_chain_unchanged():
     chain = load_model("so101").chain
     q = 0.1 * np.arange(chain.dof)
     np.testing.assert_array_equal(
@@ -30,13 +30,13 @@ def test_zero_geometric_errors_leave_chain_unchanged():
     )
 
 
-def test_identifiable_origins_exclude_first_joint():
+def test_identifiable_joint_origins_exclude_first_joint():
     assert identifiable_origins(planar(0.3, 0.2, 0.1)) == ("j2", "j3", "end")
     assert identifiable_origins(planar(0.3)) == ("end",)
     assert identifiable_origins(crane()) == ("slide", "hook")
 
 
-def test_turned_base_turns_every_link():
+def test_base_rotation_correction_turns_every_link():
     chain, geometry = (
         load_model("so101").chain,
         GeometricErrors(base_rad=np.array([0.0, 0.0, np.pi / 2])),
@@ -49,7 +49,7 @@ def test_turned_base_turns_every_link():
     np.testing.assert_allclose(links[chain.tip], own.forward(q), atol=1e-12)
 
 
-def test_longer_tool_ends_further_out():
+def test_tool_length_correction_moves_tip_outwards():
     chain = load_model("planar2").chain
     own = apply_geometric_errors(
         chain, GeometricErrors(origins_m={"tool_joint": np.array([0.01, 0.0, 0.0])})

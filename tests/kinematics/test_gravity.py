@@ -56,7 +56,7 @@ def test_gravity_torques_equal_pinocchio(name):
         np.testing.assert_allclose(found, -held[columns], atol=1e-9)
 
 
-def test_gravity_loads_prismatic_joint_by_mimic_ratio():
+def test_gravity_of_mimic_joint_loads_leader_by_ratio():
     # the hook sinks by half a metre for each metre of the slide, the cart stays as high
     masses = [LinkMass("hook", 2.0, np.array([0.1, 0.2, 0.3])), LinkMass("cart", 5.0, np.zeros(3))]
     found = torques(CollisionBody(crane(), []), masses, [[0.3, 0.1], [1.0, 0.3]])
@@ -110,7 +110,7 @@ def test_higher_supply_voltage_reduces_sag():
     np.testing.assert_allclose(usual / strong, duty_nm[1] / duty_nm[0], rtol=0.01)
 
 
-def test_sag_of_joint_near_its_limit_ends_there():
+def test_sag_of_joint_near_its_limit_ends_at_limit():
     model = ikservo.load_model("so101")
     sag = sagging(model)
     lift = model.chain.names.index("shoulder_lift")

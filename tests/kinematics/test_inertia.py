@@ -20,20 +20,20 @@ def test_link_mass_may_be_zero():
     assert LinkMass("hook", 0.0, np.zeros(3)).mass_kg == 0.0
 
 
-def test_tensor_asymmetric_within_1e_9_is_accepted():
+def test_inertia_tensor_asymmetric_within_1e_9_is_accepted():
     for by in (9e-10, -9e-10):
         np.testing.assert_array_equal(
             LinkMass("hook", 1.0, np.zeros(3), asymmetric(by)).inertia_kg_m2, asymmetric(by)
         )
 
 
-def test_tensor_asymmetric_by_over_1e_9_is_refused():
+def test_inertia_tensor_asymmetric_over_1e_9_is_refused():
     for by in (1.1e-9, -1.1e-9):
         with pytest.raises(BadValueError, match="symmetric"):
             LinkMass("hook", 1.0, np.zeros(3), asymmetric(by))
 
 
-def test_link_mass_keeps_read_only_copies():
+def test_link_mass_object_keeps_read_only_copies():
     centre, tensor = np.array([0.1, 0.2, 0.3]), np.eye(3)
     mass = LinkMass("hook", np.float64(2.0), centre, tensor)
     centre[0], tensor[0, 0] = 9.0, 9.0

@@ -11,7 +11,7 @@ INDEX = JointIndex.from_names(NAMES, ("pan", "lift"), gripper="jaw")
 JOINTS = np.array([0.1, 0.2, 0.3, 0.4])
 
 
-def test_body_joints_are_chain_joints_then_gripper():
+def test_joint_index_lists_chain_joints_then_gripper():
     assert JointIndex(NAMES, chain=(1, 2), body=(1, 2, 0)) == INDEX
     assert JointIndex.from_names(NAMES, ("lift", "pan")) == JointIndex(NAMES, (2, 1), (2, 1))
 
@@ -34,15 +34,15 @@ def test_joint_index_selects_columns_of_one_or_many_vectors():
     assert INDEX.body_joints(np.array([JOINTS])).tolist() == [[0.2, 0.3, 0.1]]
 
 
-def test_with_chain_and_with_position_do_not_change_input():
+def test_joint_vector_updates_do_not_change_input():
     assert INDEX.with_chain(JOINTS, np.array([1.0, 2.0])).tolist() == [0.1, 1.0, 2.0, 0.4]
     assert INDEX.with_position(JOINTS, "mirror", 3.0).tolist() == [0.1, 0.2, 0.3, 3.0]
     assert JOINTS.tolist() == [0.1, 0.2, 0.3, 0.4]
 
 
-def test_by_name_maps_joint_names_to_positions():
+def test_joint_index_maps_joint_names_to_positions():
     assert INDEX.by_name(JOINTS) == {"jaw": 0.1, "pan": 0.2, "lift": 0.3, "mirror": 0.4}
 
 
-def test_outside_chain_marks_joints_beside_chain():
+def test_joint_index_marks_joints_outside_chain():
     assert INDEX.outside_chain().tolist() == [True, False, False, True]

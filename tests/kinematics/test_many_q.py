@@ -38,22 +38,22 @@ def follower(lower, upper, multiplier):
     )  # fmt: skip
 
 
-def test_batch_forward_equals_forward_of_each_q():
+def test_batch_forward_kinematics_equals_single_results():
     np.testing.assert_allclose(ARM.forward(Q), [ARM.forward(q) for q in Q], atol=1e-15)
 
 
-def test_batch_jacobians_equal_jacobian_of_each_q():
+def test_batch_jacobians_equal_single_jacobians():
     offset_m = (0.01, 0.02, 0.03)
     one_by_one = [ARM.jacobian(q, "l2", offset_m) for q in Q]
     np.testing.assert_allclose(ARM.jacobian(Q, "l2", offset_m), one_by_one, atol=1e-15)
 
 
-def test_batch_jacobians_of_prismatic_chain_equal_each_one():
+def test_batch_jacobians_of_prismatic_chain_equal_single_ones():
     q = [[0.3, 0.1], [-1.0, 0.4], [0.0, 0.0]]
     np.testing.assert_allclose(crane().jacobian(q), [crane().jacobian(each) for each in q])
 
 
-def test_mimic_of_held_joint_stands_at_its_ratio():
+def test_mimic_of_fixed_leader_is_at_ratio_of_its_position():
     joints = [
         joint("arm", JointType.REVOLUTE, "base", "hand"),
         joint("jaw", JointType.PRISMATIC, "hand", "left", (0, 0, 0), (0, 1, 0), lower=0.02,
@@ -71,7 +71,7 @@ def test_mimic_limits_may_leave_leader_single_value():
     assert (chain.lower_rad[0], chain.upper_rad[0]) == (1.0, 1.0)
 
 
-def test_link_poses_equal_forward_of_each_link():
+def test_link_poses_equal_forward_kinematics_of_each_link():
     q = [[0.3, 0.1], [-1.0, 0.4]]
     for frame, poses in crane().link_poses(q).items():
         np.testing.assert_allclose(poses, crane().forward(q, frame), atol=1e-15)
@@ -107,7 +107,7 @@ def test_mimic_without_ratio_follows_one_to_one():
     assert math.atan2(turned[1, 0], turned[0, 0]) == pytest.approx(0.6)
 
 
-def test_mimic_that_leaves_leader_no_position_is_refused():
+def test_mimic_limits_that_leave_no_leader_position_are_refused():
     with pytest.raises(InputError, match="a has no position"):
         follower(3.0, 4.0, 1.0)
 
@@ -120,7 +120,7 @@ def test_mimic_of_unknown_joint_is_refused():
 
 
 @pytest.mark.parametrize("q", [np.zeros((2, 2)), np.zeros((1, 1, 3)), [[0, 0, math.nan]]])
-def test_q_of_wrong_shape_or_nan_is_refused(q):
+def test_joint_array_of_wrong_shape_or_nan_is_refused(q):
     with pytest.raises(BadValueError, match="q is"):
         ARM.forward(q)
 
@@ -133,6 +133,6 @@ def test_manipulability_of_stretched_arm_is_zero():
     assert manipulability(rows[1]) == pytest.approx(bent)
 
 
-def test_distance_to_limits_is_negative_outside():
+def test_distance_to_joint_limits_is_negative_outside():
     arm = planar(0.3, 0.2).with_limits([-1, 0], [1, 2])
     np.testing.assert_allclose(distance_to_limits(arm, [0.8, 2.5]), [0.2, -0.5])

@@ -17,7 +17,7 @@ from ikservo.kinematics.arrays import (
 
 
 @pytest.mark.parametrize("values", [[1, 2], (1.0, 2.0), np.array([1, 2], dtype=np.int8)])
-def test_integers_and_fractions_become_floats(values):
+def test_number_check_converts_integers_and_fractions(values):
     found = finite_vector(values, 2, "q")
     assert (found.dtype, found.tolist()) == (np.float64, [1.0, 2.0])
 
@@ -26,7 +26,7 @@ def test_integers_and_fractions_become_floats(values):
     "values",
     [[True, False], [1j, 2j], [b"1", b"2"], ["1", "2"], [[1], [1, 2]], [10**400, 0]],
 )
-def test_bools_strings_and_complex_numbers_are_refused(values):
+def test_number_check_refuses_bools_strings_and_complex(values):
     with pytest.raises(BadValueError) as caught:
         finite_vector(values, 2, "q")
     assert "q" in caught.value.message
@@ -34,7 +34,7 @@ def test_bools_strings_and_complex_numbers_are_refused(values):
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_nan_and_infinity_are_refused(bad):
+def test_number_check_refuses_nan_and_infinity(bad):
     for ask in (
         lambda: finite_vector([1.0, bad], 2, "q"),
         lambda: finite_vectors([[0.0, 0.0], [1.0, bad]], 2, "q"),
@@ -44,24 +44,24 @@ def test_nan_and_infinity_are_refused(bad):
             ask()
 
 
-def test_finite_vectors_accepts_one_or_many():
+def test_vector_check_accepts_one_vector_or_many():
     assert finite_vectors([1.0, 2.0], 2, "q").shape == (2,)
     assert finite_vectors([[1.0, 2.0]] * 3, 2, "q").shape == (3, 2)
     assert finite_vectors(np.zeros((0, 2)), 2, "q").shape == (0, 2)
 
 
 @pytest.mark.parametrize("shape", [(), (3,), (2, 3), (3, 1), (1, 1, 2)])
-def test_vectors_of_wrong_shape_are_refused(shape):
+def test_vector_check_refuses_wrong_shape(shape):
     with pytest.raises(BadValueError) as caught:
         finite_vectors(np.zeros(shape), 2, "q")
     assert str(shape) in caught.value.message
 
 
-def test_as_floats_accepts_any_shape_and_infinity():
+def test_float_conversion_accepts_any_shape_and_infinity():
     assert as_floats([[1, math.inf]], "limits", "numbers").tolist() == [[1.0, math.inf]]
 
 
-def test_read_only_returns_independent_frozen_copy():
+def test_read_only_array_is_independent_copy():
     original = np.array([1, 2])
     copy = read_only(original)
     original[0] = 9

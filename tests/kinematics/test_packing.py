@@ -60,7 +60,7 @@ def placed(row):
 
 
 @pytest.mark.parametrize("frame", [None, "cart", "lever", "base"])
-def test_packed_chain_pose_equals_forward(frame):
+def test_packed_chain_pose_equals_forward_kinematics(frame):
     chain, q, offset_m = crane(), np.array([0.7, 0.2]), np.array([0.01, -0.02, 0.03])
     packed = pack_chain(chain, frame, offset_m)
     np.testing.assert_allclose(unpacked(packed, q), chain.forward(q, frame, offset_m), atol=1e-14)
@@ -73,7 +73,7 @@ def test_packed_header_counts_joint_rows_and_limits():
     assert pack_chain(crane(), "base").shape == (2 + 0 + 2, WIDTH)
 
 
-def test_fixed_and_held_joints_have_no_packed_rows():
+def test_packed_chain_has_rows_only_for_moving_joints():
     assert pack_chain(planar(0.3, 0.2)).shape == (2 + 2 + 2, WIDTH)
     assert pack_chain(crane(), "lever").shape == (2 + 1 + 2, WIDTH)
 
@@ -101,7 +101,7 @@ def one_joint(mimic=False, **more):
     return Chain.from_joints(joints, "base", "l1")
 
 
-def test_first_joint_is_independent_if_revolute_and_no_mimic():
+def test_packed_first_joint_is_independent_if_plain_revolute():
     assert pack_chain(one_joint())[0, FIRST_INDEPENDENT] == 1.0
     assert pack_chain(crane())[0, FIRST_INDEPENDENT] == 1.0
     assert pack_chain(one_joint(mimic=True))[0, FIRST_INDEPENDENT] == 0.0
@@ -110,7 +110,7 @@ def test_first_joint_is_independent_if_revolute_and_no_mimic():
 
 
 @pytest.mark.parametrize(("multiplier", "offset"), [(0.5, 0.0), (1.0, 0.3)])
-def test_first_joint_that_is_a_mimic_is_not_independent(multiplier, offset):
+def test_packed_first_joint_that_is_mimic_is_not_independent(multiplier, offset):
     joints = [
         joint("first", JointType.REVOLUTE, "base", "l1", mimic=Mimic("second", multiplier, offset)),
         joint("second", JointType.REVOLUTE, "l1", "tip", (0.1, 0, 0)),
@@ -129,7 +129,7 @@ def test_first_joint_that_is_a_mimic_is_not_independent(multiplier, offset):
         (one_joint(lower=-3.14, upper=3.14, mimic=True), 0.0),
     ],
 )
-def test_full_turn_is_marked_if_range_covers_every_direction(chain, full):
+def test_packed_joint_is_full_turn_if_range_covers_circle(chain, full):
     row = pack_chain(chain)[-1]
     assert row[FULL_TURN] == full
     assert (row[LOWER], row[UPPER]) == (chain.lower_rad[0], chain.upper_rad[0])

@@ -17,7 +17,7 @@ def capsule(link, *ends_m):
     return Capsule(link, start, end, 0.05)
 
 
-def test_turn_bound_is_sum_of_lengths_from_axis():
+def test_motion_bound_is_sum_of_link_lengths_from_axis():
     reach = LinkTravelBounds(
         planar(0.3, 0.2), [capsule("l2", 0.1, -0.25), capsule("l2", 0.0, 0.15)]
     )
@@ -25,7 +25,7 @@ def test_turn_bound_is_sum_of_lengths_from_axis():
     np.testing.assert_allclose(reach.bound_of("tip"), [0.3 + 0.2, 0.2])
 
 
-def test_relative_bound_counts_only_joints_between_links():
+def test_relative_motion_bound_counts_only_joints_between_links():
     chain = planar(0.3, 0.2, 0.1)
     reach = LinkTravelBounds(
         chain, [capsule(f"l{i}", 0.0, 0.1 * max(i, 5 - 5 * i)) for i in range(4)]
@@ -46,7 +46,7 @@ def rail(multiplier=-0.5, shift=0.1, **limits):
     return Chain.from_joints(joints, "base", "tip")
 
 
-def test_prismatic_bound_adds_share_of_its_mimic():
+def test_prismatic_motion_bound_adds_share_of_its_mimic():
     reach = LinkTravelBounds(rail(lower=-0.3, upper=0.2), [capsule("tip", 0.0, 0.0)])
     assert reach.bound_of("cart")[1] == pytest.approx(1.0)
     assert reach.bound_of("tip")[1] == pytest.approx(1.5)
@@ -56,12 +56,12 @@ def test_prismatic_bound_adds_share_of_its_mimic():
     ("limits", "slide_m", "more_m"),
     [((-0.3, 0.2), 0.3, 0.25), ((-0.1, 0.4), 0.4, 0.15), ((0.1, 0.5), 0.5, 0.15)],
 )
-def test_turn_bound_includes_prismatic_travel_to_its_limits(limits, slide_m, more_m):
+def test_motion_bound_includes_prismatic_travel(limits, slide_m, more_m):
     reach = LinkTravelBounds(rail(lower=limits[0], upper=limits[1]), [capsule("tip", 0.0, 0.07)])
     assert reach.bound_of("tip")[0] == pytest.approx(0.07 + 0.2 + more_m + 0.5 + slide_m)
 
 
-def test_held_prismatic_joint_counts_at_its_position():
+def test_motion_bound_uses_position_of_fixed_prismatic_joint():
     joints = [
         joint("turn", JointType.REVOLUTE, "base", "hand"),
         joint("jaw", JointType.PRISMATIC, "hand", "finger", (0.1, 0, 0), (0, 1, 0),
@@ -73,7 +73,7 @@ def test_held_prismatic_joint_counts_at_its_position():
     np.testing.assert_allclose(reach.bound_of("finger"), [0.01 + 0.03 + 0.1])
 
 
-def test_no_point_of_arm_moves_further_than_its_turn_bound():
+def test_link_motion_never_exceeds_computed_bound():
     chain = rail(lower=-0.3, upper=0.2)
     reach = LinkTravelBounds(chain, [capsule("tip", -0.05, 0.07)]).bound_of("tip")
     rng, at = np.random.default_rng(3), (0.07, 0.0, 0.0)
@@ -82,13 +82,13 @@ def test_no_point_of_arm_moves_further_than_its_turn_bound():
         assert (np.linalg.norm(J, axis=0) <= reach + 1e-12).all()
 
 
-def test_relative_travel_bound_uses_link_that_moves_less():
+def test_relative_motion_bound_uses_link_that_moves_less():
     chain = planar(0.3, 0.2, 0.1)
     reach = LinkTravelBounds(chain, [capsule("l0", 0.0, 0.02), capsule("l3", 0.0, 0.4)])
     np.testing.assert_allclose(reach.relative_bound("l0", "l3")[:2], [0.02, 0.32])
 
 
-def test_pair_distances_change_no_faster_than_their_bound():
+def test_collision_distance_never_changes_faster_than_bound():
     body, rng = every_kind_of_joint(), np.random.default_rng(4)
     reach = body.pack().pair_reach_m
     q = rng.uniform(body.chain.lower_rad, body.chain.upper_rad, (500, body.chain.dof))

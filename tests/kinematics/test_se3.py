@@ -56,12 +56,12 @@ def test_rotation_rpy_turns_about_fixed_axes_x_then_y_then_z():
 
 
 @given(rotation_vectors(), rotation_vectors())
-def test_skew_equals_cross_product(a, b):
+def test_skew_matrix_product_equals_cross_product(a, b):
     np.testing.assert_allclose(se3.skew(a) @ b, np.cross(a, b), atol=1e-12)
 
 
 @pytest.mark.parametrize("angle_rad", [9e-5, 1e-6, 2e-4])
-def test_log_so3_of_small_rotation_keeps_every_digit(angle_rad):
+def test_log_so3_of_small_rotation_keeps_full_precision(angle_rad):
     w = angle_rad * np.array([0.6, 0.0, 0.8])
     np.testing.assert_allclose(se3.log_so3(se3.exp_so3(w)), w, rtol=1e-10)
 

@@ -11,7 +11,7 @@ from ikservo.model import load_model
 from tests.kinematics.chains import crane, planar
 
 
-def test_force_across_stretched_links_gives_lever_torques():
+def test_transverse_force_on_stretched_links_gives_lever_torques():
     tau = joint_torques(planar(0.3, 0.2), [0.0, 0.0], (0.0, 10.0, 0.0))
     np.testing.assert_allclose(tau, [5.0, 2.0])
 
@@ -32,7 +32,7 @@ def test_joint_torques_do_same_virtual_work_as_force():
         assert work == pytest.approx(float(force @ moved), rel=1e-6, abs=1e-14)
 
 
-def test_moment_acts_on_joints_by_their_axes():
+def test_moment_load_gives_joint_torques_by_their_axes():
     tau = joint_torques(planar(0.3, 0.2), [0.2, 0.4], (0, 0, 0), moment_nm=(3.0, 4.0, 0.5))
     np.testing.assert_allclose(tau, [0.5, 0.5])
 
@@ -49,6 +49,6 @@ def test_force_on_inner_link_does_not_load_joints_beyond_it():
 
 
 @pytest.mark.parametrize("force", [(0, 0), (0, 0, math.inf), ("1", "2", "3"), None])
-def test_invalid_force_is_refused(force):
+def test_invalid_tip_force_is_refused(force):
     with pytest.raises(BadValueError):
         joint_torques(planar(0.3, 0.2), [0.0, 0.0], force)

@@ -124,7 +124,7 @@ OUTSIDE = [
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_arm_file_mistake_is_reported_with_its_key(
+def test_arm_file_error_names_key_and_expected_value(
     arm_path: Path, arm_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in arm_text
@@ -133,7 +133,7 @@ def test_arm_file_mistake_is_reported_with_its_key(
 
 
 @pytest.mark.parametrize(("old", "new", "where"), BROKEN.values(), ids=BROKEN)
-def test_broken_toml_is_reported_with_its_place(
+def test_toml_syntax_error_is_reported_with_its_position(
     arm_path: Path, arm_text: str, old: str, new: str, where: str
 ) -> None:
     assert old in arm_text
@@ -146,13 +146,13 @@ def test_invalid_document_is_refused(arm_path: Path, content: str, where: str, f
     assert (error.where, error.found) == (where, found)
 
 
-def test_latin_1_file_is_refused_with_its_line(arm_path: Path) -> None:
+def test_arm_file_in_latin_1_is_refused_with_its_line(arm_path: Path) -> None:
     arm_path.write_bytes(b'format = 1\ntitle = "\xe9t\xe9"\n')
     with pytest.raises(FileFormatError, match=r"line 2: holds the byte 0xE9"):
         read_arm_file(arm_path)
 
 
-def test_pose_with_99_joints_in_one_line_is_refused(arm_path: Path, arm_text: str) -> None:
+def test_arm_file_pose_with_99_joints_in_one_line_is_refused(arm_path: Path, arm_text: str) -> None:
     pose = ", ".join(f"joint{i} = 1.5" for i in range(99))
     error = refused(arm_path, f"{arm_text}\n[poses.far]\ndeg = {{ {pose} }}\n")
     assert error.found == "has 99 values, such as joint angles"
@@ -173,7 +173,9 @@ def test_arm_file_without_joints_is_refused(arm_path: Path, arm_text: str) -> No
 
 
 @pytest.mark.parametrize("urdf", OUTSIDE)
-def test_a_urdf_outside_the_folder_is_refused(arm_path: Path, arm_text: str, urdf: str) -> None:
+def test_arm_file_with_urdf_outside_folder_is_refused(
+    arm_path: Path, arm_text: str, urdf: str
+) -> None:
     error = refused(arm_path, arm_text.replace("'", '"').replace('"arm.urdf"', f"'{urdf}'"))
     assert (error.where, error.expected) == ("urdf", "a file in the arm's own folder")
 
@@ -186,7 +188,7 @@ def test_urdf_symlink_out_of_folder_is_refused(
     assert refused(arm_path, arm_text).where == "urdf"
 
 
-def test_arm_name_in_catalogue_must_be_its_folder(
+def test_arm_name_in_catalogue_must_equal_its_folder(
     arm_path: Path, arm_text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(catalogue, "__file__", str(tmp_path / "ikservo/model/catalogue.py"))
@@ -195,6 +197,8 @@ def test_arm_name_in_catalogue_must_be_its_folder(
     assert (error.where, error.found) == ("name", 'is "large"')
 
 
-def test_error_names_file_key_and_expected_value(arm_path: Path, arm_text: str) -> None:
+def test_arm_file_error_text_names_file_key_and_expected_value(
+    arm_path: Path, arm_text: str
+) -> None:
     error = refused(arm_path, arm_text.replace("id = 3", "id = 300"))
     assert str(error) == f"{arm_path}, joints[1].servo.id: is 300.\nExpected {IDS}."

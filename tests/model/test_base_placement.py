@@ -28,14 +28,14 @@ def placed(tmp_path):
     return copy
 
 
-def test_base_placement_words_become_rotation_and_offset():
+def test_base_placement_words_give_rotation_and_offset():
     T = make_pose(np.zeros(3), exp_so3([0.0, 0.0, np.pi / 2]))
     lifted = make_pose(np.array([0.2, 0.0, 0.05]))
     assert np.allclose(parse_frame("rotate 90, raise 0.05, forward 0.2"), lifted @ T)
 
 
 @pytest.mark.parametrize("base", ["rotate 90, raise 0.05", "left -0.1", "upside down, raise 0.6"])
-def test_model_and_simulator_place_base_alike(placed, base):
+def test_model_and_simulator_agree_on_base_placement(placed, base):
     plain, folder = load_model("so101"), placed(base)
     model, simulated = load_model(folder), read_arm_file(folder / "arm.toml")
     q = plain.chain_pose("home")
@@ -65,6 +65,6 @@ def test_unknown_base_placement_words_are_refused(placed):
 
 
 @pytest.mark.parametrize("base", ["rotate 1e300", "raise inf", "left nan", "forward -1e9"])
-def test_base_placement_amount_out_of_range_is_refused(base):
+def test_base_placement_value_out_of_range_is_refused(base):
     with pytest.raises(BadValueError):
         parse_frame(base)

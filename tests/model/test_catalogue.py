@@ -40,23 +40,23 @@ def test_folder_with_invalid_name_is_not_an_arm(folder: Path) -> None:
     assert arm_names() == ["so101"]
 
 
-def test_arm_names_without_folder_are_empty(folder: Path) -> None:
+def test_missing_catalogue_folder_gives_no_arm_names(folder: Path) -> None:
     shutil.rmtree(folder)
     assert arm_names() == []
 
 
-def test_arm_name_leads_to_its_file(folder: Path) -> None:
+def test_arm_name_is_resolved_to_its_arm_file(folder: Path) -> None:
     assert find_arm("so101") == folder / "so101" / "arm.toml"
 
 
-def test_misspelled_arm_name_suggests_closest(folder: Path) -> None:
+def test_misspelled_arm_name_error_suggests_closest_name(folder: Path) -> None:
     with pytest.raises(UnknownNameError) as caught:
         find_arm("so1O1")
     assert caught.value.hint == "Did you mean so101? Known: koch, so101."
 
 
 @pytest.mark.parametrize("file", ["arm.toml", "mine.toml", "arm.urdf", "a.b.urdf"])
-def test_path_to_arm_file_is_returned(tmp_path: Path, file: str) -> None:
+def test_path_to_arm_file_is_returned_unchanged(tmp_path: Path, file: str) -> None:
     (tmp_path / file).write_text("")
     assert find_arm(str(tmp_path / file)) == tmp_path / file
 
@@ -68,33 +68,33 @@ def test_arm_file_in_current_folder_does_not_need_separator(
     assert find_arm("arm.toml") == Path("arm.toml")
 
 
-def test_path_to_folder_leads_to_its_arm_file(folder: Path) -> None:
+def test_path_to_folder_is_resolved_to_its_arm_file(folder: Path) -> None:
     assert find_arm(f"{folder}/koch/") == folder / "koch" / "arm.toml"
 
 
-def test_path_object_is_a_path_even_without_separator(
+def test_path_object_is_used_as_path_even_without_separator(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
     assert find_arm(Path("koch")) == Path("koch/arm.toml")
 
 
-def test_catalogue_name_is_name_of_arm_folder(folder: Path) -> None:
+def test_catalogue_name_of_arm_is_its_folder_name(folder: Path) -> None:
     assert catalogue_name(find_arm("koch")) == "koch"
 
 
-def test_catalogue_name_works_for_relative_path(
+def test_catalogue_name_is_found_for_relative_path(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder / "so101")
     assert catalogue_name(Path("arm.toml")) == "so101"
 
 
-def test_catalogue_name_outside_catalogue_is_none(tmp_path: Path) -> None:
+def test_arm_outside_catalogue_has_no_catalogue_name(tmp_path: Path) -> None:
     assert catalogue_name(tmp_path / "so101" / "arm.toml") is None
 
 
-def test_installed_arms_precede_source_tree_arms(
+def test_installed_arms_have_priority_over_source_tree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = tmp_path / "ikservo" / "model" / "catalogue.py"
@@ -145,7 +145,7 @@ def test_malicious_arm_name_does_not_open_a_file(
     assert opened == []
 
 
-def test_invalid_arm_name_is_not_looked_up_on_disk(
+def test_invalid_arm_name_is_refused_without_disk_access(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at: list[str] = []

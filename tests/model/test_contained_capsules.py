@@ -17,7 +17,7 @@ def depth_m(capsule, points):
 
 
 @given(st.lists(CAPSULES, max_size=6), st.integers(0, 100))
-def test_remaining_capsules_contain_all_removed_capsules(capsules, seed):
+def test_remaining_capsules_contain_removed_ones(capsules, seed):
     kept = _without_contained(capsules)
     assert all(any(each is capsule for capsule in capsules) for each in kept)
     rng = np.random.default_rng(seed)
@@ -28,7 +28,7 @@ def test_remaining_capsules_contain_all_removed_capsules(capsules, seed):
         assert np.max([depth_m(each, points) for each in kept], axis=0).min() >= -1e-5
 
 
-def test_end_balls_of_cylinder_are_removed():
+def test_redundant_end_balls_of_cylinder_are_removed():
     a, b = np.zeros(3), np.array([0.0, 0.0, 0.1])
     capsules = [Capsule("x", a, a, 0.02), Capsule("x", a, b, 0.02), Capsule("x", b, b, 0.02)]
     assert _without_contained(capsules) == [capsules[1]]

@@ -14,7 +14,7 @@ def with_gripper(arm_path, arm_text, table):
     return arm_path
 
 
-def test_gripper_closes_towards_limit_nearer_to_zero(arm_path):
+def test_gripper_closes_towards_joint_limit_nearer_to_zero(arm_path):
     gripper = load_model(arm_path).gripper
     assert (gripper.joint, gripper.closed, gripper.open) == ("gripper", 0.0, 0.02)
 
@@ -32,7 +32,7 @@ def test_gripper_width_is_interpolated_between_pairs(arm_path, arm_text):
     assert gripper.range_m() == pytest.approx((0.01, 0.07))
 
 
-def test_gripper_width_may_decrease_with_position(arm_path, arm_text):
+def test_gripper_width_may_decrease_with_joint_position(arm_path, arm_text):
     table = "width_m_by_m = [[0.0, 0.05], [0.02, 0.01]]"
     gripper = load_model(with_gripper(arm_path, arm_text, table)).gripper
     assert gripper.position(0.03) == pytest.approx(0.01)
@@ -57,7 +57,7 @@ def test_gripper_without_width_table_has_no_width(arm_path):
         ("width = 0.03", "gripper.width"),
     ],
 )
-def test_mistake_in_gripper_table_is_reported_with_its_key(arm_path, arm_text, table, where):
+def test_gripper_table_error_names_its_key(arm_path, arm_text, table, where):
     with pytest.raises(FileFormatError) as caught:
         load_model(with_gripper(arm_path, arm_text, table))
     assert caught.value.where.startswith(where)

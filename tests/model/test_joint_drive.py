@@ -29,7 +29,7 @@ def test_gear_multiplies_stiffness_by_square_of_ratio():
     assert geared.friction.coulomb_nm == pytest.approx(2.0 * direct.friction.coulomb_nm)
 
 
-def test_gear_divides_load_of_quadratic_friction():
+def test_gear_reduces_load_in_quadratic_friction():
     wrist = ikservo.load_model("koch").joint("wrist_roll")
     direct = joint_drive(wrist, None)
     geared = joint_drive(replace(wrist, travel_per_turn=math.pi), None)
@@ -38,18 +38,18 @@ def test_gear_divides_load_of_quadratic_friction():
 
 
 @pytest.mark.parametrize("held_nm", [0.0, 0.3])
-def test_static_load_equals_held_torque_plus_friction(held_nm):
+def test_static_load_equals_holding_torque_plus_friction(held_nm):
     drive = joint_drive(ikservo.load_model("koch").joint("wrist_roll"), None)
     load_nm = drive.friction.static_load_nm(held_nm)
     assert load_nm == pytest.approx(held_nm + drive.friction_torque(0.0, load_nm))
 
 
-def test_joint_with_unknown_servo_model_has_no_drive():
+def test_joint_with_unknown_servo_model_has_no_drive_model():
     pan = ikservo.load_model("so101").joint("shoulder_pan")
     assert joint_drive(replace(pan, servo=replace(pan.servo, model="HX-7")), None) is None
 
 
-def test_drive_friction_falls_with_speed_and_grows_with_load():
+def test_joint_friction_falls_with_speed_and_rises_with_load():
     drive = joint_drive(ikservo.load_model("so101").joint("elbow_flex"), None)
     gears = SERVO_TORQUES["STS3215", None].friction
     assert drive.friction_torque(0.0, 0.0) == pytest.approx(gears.coulomb_nm + gears.slow_nm)
@@ -57,13 +57,13 @@ def test_drive_friction_falls_with_speed_and_grows_with_load():
     assert drive.friction_torque(0.1, 1.0) > drive.friction_torque(0.1, 0.0)
 
 
-def test_every_joint_of_shipped_arms_has_a_drive():
+def test_every_joint_of_shipped_arms_has_a_drive_model():
     for name in ("so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s"):
         model = ikservo.load_model(name)
         assert None not in nominal_parameters(model, model.chain).drives
 
 
-def test_arm_without_masses_has_no_nominal_parameters():
+def test_arm_without_masses_has_no_nominal_dynamic_parameters():
     model = ikservo.load_model("so101")
     weightless = tuple(replace(link, mass_kg=0.0) for link in model.urdf.links)
     model = replace(model, urdf=replace(model.urdf, links=weightless))

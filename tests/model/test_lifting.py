@@ -30,7 +30,9 @@ def breakaway_nm(servo, load_nm):
     ("omx_f", "joint2", "XL430-W250", 1, 9.09), ("wx250s", "shoulder", "XM430-W350", 2, 39.8),
     ("so101", "shoulder_lift", "STS3215", 1, 17.5), ("koch", "elbow_flex", "XL330-M288", 1, 2.67),
 ])  # fmt: skip
-def test_lifting_lag_is_enough_for_heaviest_posture(name, joint, servo, count, stiffness_nm_rad):
+def test_allowed_lifting_lag_suffices_in_heaviest_posture(
+    name, joint, servo, count, stiffness_nm_rad
+):
     model = load_model(name)
     dynamics = Dynamics.from_masses(model.chain, link_masses(model, model.chain))
     lower, upper = np.maximum(model.chain.lower_rad, -math.pi), np.minimum(model.chain.upper_rad, 3)
@@ -42,7 +44,7 @@ def test_lifting_lag_is_enough_for_heaviest_posture(name, joint, servo, count, s
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_joint_with_known_servo_has_lifting_lag(name):
+def test_joints_with_known_servo_have_allowed_lifting_lag(name):
     model = load_model(name)
     lags = load_lags(model, model.chain)
     assert list(lags) == list(model.chain.names)
@@ -50,7 +52,7 @@ def test_every_joint_with_known_servo_has_lifting_lag(name):
 
 
 @pytest.mark.parametrize("name", sorted(set(ARMS) - {"planar2", "planar3"}))  # gravity is across
-def test_payload_increases_lifting_lag(name):
+def test_payload_increases_allowed_lifting_lag(name):
     model = load_model(name)
     empty = load_lags(model, model.chain)
     loaded = load_lags(model, model.chain, 0.1)
@@ -60,7 +62,7 @@ def test_payload_increases_lifting_lag(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_lifting_lag_stays_below_overload_for_any_payload(name):
+def test_allowed_lifting_lag_stays_below_overload(name):
     model = load_model(name)
     for joint, lag in load_lags(model, model.chain, 5.0).items():
         servo = model.joint(joint).servo.model
@@ -69,14 +71,14 @@ def test_lifting_lag_stays_below_overload_for_any_payload(name):
         assert duty + torque.startup_duty < (0.8 if servo.startswith("STS") else 0.9)
 
 
-def test_sag_includes_weight_and_payload():
+def test_computed_sag_includes_link_weight_and_payload():
     model = load_model("open_manipulator_x")
     empty, loaded = (load_lags(model, model.chain, kg)["joint2"].sag_rad for kg in (0.0, 0.5))
     assert math.degrees(empty) == pytest.approx(2.5, abs=0.3)
     assert math.degrees(loaded) == pytest.approx(7.6, abs=0.5)
 
 
-def test_lifting_lag_needs_known_servo_and_masses():
+def test_allowed_lifting_lag_needs_known_servo_and_masses():
     model = load_model("so101")
     first, *others = model.joints
     unknown = replace(first, servo=replace(first.servo, model="XC999"))

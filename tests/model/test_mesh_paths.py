@@ -50,11 +50,13 @@ def mesh_of(urdf: Urdf) -> Mesh:
 
 
 @pytest.mark.parametrize("filename", OUTSIDE)
-def test_mesh_outside_folder_has_no_path(urdf_path: Path, urdf_text: str, filename: str) -> None:
+def test_mesh_outside_arm_folder_has_no_path(
+    urdf_path: Path, urdf_text: str, filename: str
+) -> None:
     assert mesh_of(read_with_mesh(urdf_path, urdf_text, filename)).path is None
 
 
-def test_mesh_outside_folder_gives_warning(urdf_path: Path, urdf_text: str) -> None:
+def test_mesh_outside_arm_folder_gives_warning(urdf_path: Path, urdf_text: str) -> None:
     urdf = read_with_mesh(urdf_path, urdf_text, "../base.stl")
     assert urdf.warnings == (
         'meshes outside the model\'s folder cannot be used: 1 in all, the first is "../base.stl"',
@@ -64,12 +66,14 @@ def test_mesh_outside_folder_gives_warning(urdf_path: Path, urdf_text: str) -> N
 @pytest.mark.parametrize(
     "filename", ["base.stl", "./base.stl", "a/b/c.dae", "..base.stl", "a b.stl"]
 )
-def test_mesh_inside_folder_has_its_path(urdf_path: Path, urdf_text: str, filename: str) -> None:
+def test_mesh_inside_arm_folder_has_its_path(
+    urdf_path: Path, urdf_text: str, filename: str
+) -> None:
     mesh = mesh_of(read_with_mesh(urdf_path, urdf_text, filename))
     assert mesh.path == urdf_path.parent.resolve() / filename
 
 
-def test_mesh_symlink_out_of_folder_is_not_followed(
+def test_mesh_symlink_out_of_arm_folder_is_not_followed(
     urdf_path: Path, urdf_text: str, tmp_path: Path
 ) -> None:
     (tmp_path / "secret.stl").write_text("solid")
@@ -77,20 +81,20 @@ def test_mesh_symlink_out_of_folder_is_not_followed(
     assert mesh_of(read_with_mesh(urdf_path, urdf_text, "base.stl")).path is None
 
 
-def test_folder_symlink_out_of_folder_is_not_followed(
+def test_folder_symlink_out_of_arm_folder_is_not_followed(
     urdf_path: Path, urdf_text: str, tmp_path: Path
 ) -> None:
     (urdf_path.parent / "meshes").symlink_to(tmp_path)
     assert mesh_of(read_with_mesh(urdf_path, urdf_text, "meshes/base.stl")).path is None
 
 
-def test_circular_mesh_symlinks_are_harmless(urdf_path: Path, urdf_text: str) -> None:
+def test_circular_mesh_symlinks_do_not_cause_error(urdf_path: Path, urdf_text: str) -> None:
     (urdf_path.parent / "a").symlink_to("b")
     (urdf_path.parent / "b").symlink_to("a")
     assert read_with_mesh(urdf_path, urdf_text, "a/base.stl").root == "base"
 
 
-def test_arm_reached_through_symlink_keeps_its_meshes(
+def test_arm_opened_through_symlink_keeps_its_meshes(
     urdf_path: Path, urdf_text: str, tmp_path: Path
 ) -> None:
     (tmp_path / "alias").symlink_to(urdf_path.parent)
@@ -98,6 +102,6 @@ def test_arm_reached_through_symlink_keeps_its_meshes(
     assert mesh_of(urdf).path == urdf_path.parent.resolve() / "base.stl"
 
 
-def test_mesh_file_is_never_opened(urdf_path: Path, urdf_text: str) -> None:
+def test_loading_a_model_never_opens_mesh_files(urdf_path: Path, urdf_text: str) -> None:
     os.mkfifo(urdf_path.parent / "base.stl")  # opening it would wait forever
     assert read_with_mesh(urdf_path, urdf_text, "base.stl").root == "base"

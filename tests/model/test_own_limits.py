@@ -32,7 +32,7 @@ def own_arm(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous"])
-def test_arm_file_limits_reach_chain_joint_and_simulated_stops(own_arm, kind):
+def test_arm_file_limits_apply_to_chain_and_simulated_end_stops(own_arm, kind):
     path = own_arm("limits_deg = [-85, 95.5]", kind)
     model = ikservo.load_model(path)
     limits, column = model.joint("shoulder").limits, model.chain.names.index("shoulder")
@@ -57,7 +57,7 @@ def test_arm_file_limits_reach_chain_joint_and_simulated_stops(own_arm, kind):
         ("limits_deg = [70, 80]", "outside its limits"),
     ],
 )
-def test_inconsistent_limits_are_refused_with_reason(own_arm, line, found):
+def test_inconsistent_arm_file_limits_are_refused_with_reason(own_arm, line, found):
     with pytest.raises(FileFormatError) as caught:
         ikservo.load_model(own_arm(line))
     assert found in f"{caught.value} {caught.value.hint} {caught.value.where}"

@@ -24,7 +24,7 @@ SHAPES = [
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_capsules_contain_every_point_of_shape(shape):
+def test_collision_capsules_contain_every_point_of_shape(shape):
     capsules = bounding_capsules("link", shape)
     for point in _surface(shape):
         depths = [_distance(point, c.start_m, c.end_m) - c.radius_m for c in capsules]
@@ -32,7 +32,7 @@ def test_capsules_contain_every_point_of_shape(shape):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_every_unconnected_link_pair_is_checked(name):
+def test_every_unconnected_link_pair_is_collision_checked(name):
     model = load_model(name)
     with_shape = [link.name for link in model.urdf.links if link.collisions]
     carriers = {joint.child: joint.parent for joint in model.urdf.joints}
@@ -43,7 +43,7 @@ def test_every_unconnected_link_pair_is_checked(name):
     )
 
 
-def test_pair_overlapping_in_rest_pose_has_no_contact_there():
+def test_link_pair_overlapping_in_rest_pose_is_no_contact_there():
     model = load_model("wx250s")
     rest = model.chain_pose("rest")
     assert collision_body(model).link_distances([rest]).gap_m.min() >= 0
@@ -54,7 +54,7 @@ def test_pair_overlapping_in_rest_pose_has_no_contact_there():
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
-def test_every_exact_contact_is_found_by_capsules(name):
+def test_collision_capsules_find_every_exact_contact(name):
     model = load_model(name)
     body, random = collision_body(model), np.random.default_rng(3)
     exact = pinocchio.buildModelFromUrdf(str(CONFIGS / name / "arm.urdf"))
@@ -79,7 +79,7 @@ def test_no_link_is_below_table_in_rest_pose(name):
     assert above.gap_m.min() > 0
 
 
-def test_nearest_pair_names_link_and_box_in_contact():
+def test_nearest_pair_in_contact_names_link_and_box():
     model = load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     home = [model.chain_pose("home")]

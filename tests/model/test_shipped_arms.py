@@ -14,7 +14,7 @@ def urdf_of(name: str) -> Urdf:
     return read_urdf(read_arm_file(find_arm(name)).urdf_path)
 
 
-def test_catalogue_has_arms() -> None:
+def test_arm_catalogue_is_not_empty() -> None:
     assert arm_names()
 
 
@@ -24,7 +24,7 @@ def test_shipped_urdf_has_no_warnings(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", arm_names())
-def test_joints_to_tip_are_exactly_the_arm_joints(name: str) -> None:
+def test_joints_between_base_and_tip_are_the_arm_file_joints(name: str) -> None:
     arm = read_arm_file(find_arm(name))
     moving = [joint.name for joint in urdf_of(name).joints_to(arm.tip) if joint.kind.is_movable]
     assert moving == [joint.name for joint in arm.joints if joint.role == "arm"]

@@ -21,7 +21,7 @@ def furthest(inertia, damping, stiffness):
 @pytest.mark.parametrize(("name", "joint"), [
     ("wx250s", "waist"), ("so101", "elbow_flex"), ("vx300s", "forearm_roll"),
 ])  # fmt: skip
-def test_stopping_time_covers_lag_and_swing_with_payload(name, joint):
+def test_stopping_time_includes_lag_and_swing_with_payload(name, joint):
     model = load_model(name)
     column = model.chain.names.index(joint)
     dynamics = nominal_parameters(model, model.chain).dynamics.with_payload(model.payload_kg)
@@ -35,7 +35,7 @@ def test_stopping_time_covers_lag_and_swing_with_payload(name, joint):
 
 
 @pytest.mark.parametrize("name", ["koch", "px100"])
-def test_gripper_stops_later_than_same_servo_in_arm(name):
+def test_gripper_stops_later_than_arm_joint_with_same_servo(name):
     model = load_model(name)
     joint = model.joint(model.gripper.joint)
     arm_drive = joint_drive(joint, model.supply_v)
@@ -43,7 +43,7 @@ def test_gripper_stops_later_than_same_servo_in_arm(name):
     assert stopping_times_s(model, model.chain)[joint.name] > 1.15 * 1.5 * lag_s
 
 
-def test_gripper_of_so101_stops_before_every_arm_joint():
+def test_so101_gripper_stops_before_every_arm_joint():
     model = load_model("so101")
     times_s = stopping_times_s(model, model.chain)
     assert times_s["gripper"] < min(times_s[name] for name in model.chain.names)

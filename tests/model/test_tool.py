@@ -15,7 +15,7 @@ ANGLES = [-1.4, -0.5, 0.0, 0.7, 1.3]
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_approach_axis_points_away_from_wrist(name):
+def test_tool_approach_axis_points_away_from_wrist(name):
     model = load_model(name)
     q, h = model.chain_pose("home"), 1e-6
     T = model.chain.forward(q)
@@ -51,7 +51,7 @@ def test_tool_straight_down_has_pitch_minus_90_and_no_heading():
     assert tool.roll_rad(R, 0.4) == pytest.approx(0.3)
 
 
-def test_positive_roll_is_clockwise_from_behind_tool():
+def test_positive_tool_roll_is_clockwise_from_behind():
     tool = tool_frame(load_model("open_manipulator_x"))
     level = tool.rotation(0.0, 0.0, 0.0)
     rolled = exp_so3(0.2 * level @ tool.approach_axis) @ level

@@ -28,19 +28,19 @@ def loaded(tmp_path: Path, arm_text: str, urdf_text: str):
     return load
 
 
-def test_gear_halves_joint_angle_per_turn_of_horn(loaded) -> None:
+def test_gear_ratio_2_halves_joint_angle_per_horn_turn(loaded) -> None:
     joint = loaded(SHOULDER, f"{SHOULDER}, gear = 2.0").joint("shoulder")
     assert joint.travel_per_turn == pytest.approx(math.pi)
     assert joint.joint_map.position(2048.5 - 1024) == pytest.approx(math.pi / 4)
 
 
-def test_rack_moves_joint_by_metres_per_turn(loaded) -> None:
+def test_rack_moves_joint_by_configured_metres_per_turn(loaded) -> None:
     joint = loaded(RACK, RACK).joint("gripper")
     assert joint.travel_per_turn == pytest.approx(0.0722)
     assert joint.joint_map.position(2048 + 1024) == pytest.approx(0.0722 / 4)
 
 
-def test_crank_moves_joint_along_its_own_curve(loaded) -> None:
+def test_crank_moves_joint_along_crank_curve(loaded) -> None:
     joint_map = loaded(RACK, CRANK).joint("gripper").joint_map
     turned = math.radians(30.0)
     reach = 0.022 * math.cos(math.pi / 2 - turned) + math.sqrt(

@@ -139,7 +139,7 @@ SLIPS = {
 
 
 @pytest.mark.parametrize(("old", "new", "where", "found", "expected"), SLIPS.values(), ids=SLIPS)
-def test_urdf_mistake_is_reported_with_its_line(
+def test_urdf_error_names_line_and_expected_value(
     urdf_path: Path, urdf_text: str, old: str, new: str, where: str, found: str, expected: str
 ) -> None:
     assert old in urdf_text
@@ -203,19 +203,19 @@ def test_urdf_with_63_nested_levels_is_read(urdf_path: Path) -> None:
     assert read_urdf(urdf_path).root == "only"
 
 
-def test_unknown_declared_encoding_is_ignored(urdf_path: Path) -> None:
+def test_unknown_xml_encoding_declared_by_urdf_is_ignored(urdf_path: Path) -> None:
     urdf_path.write_text('<?xml version="1.0" encoding="rot13"?><robot><link name="a"/></robot>')
     assert read_urdf(urdf_path).root == "a"
 
 
-def test_error_names_file_line_and_expected_content(urdf_path: Path) -> None:
+def test_urdf_error_text_names_file_line_and_expected_content(urdf_path: Path) -> None:
     error = refused(urdf_path, LAUGHS)
     assert str(error) == (
         f"{urdf_path}, line 2: {DOCTYPE}.\nExpected plain XML without <!DOCTYPE> and <!ENTITY>."
     )
 
 
-def test_a_description_has_at_most_200_links(urdf_path: Path) -> None:
+def test_urdf_with_more_than_200_links_is_refused(urdf_path: Path) -> None:
     links = "".join(f'<link name="l{i}"/>' for i in range(201))
     joints = "".join(
         f'<joint name="j{i}" type="fixed"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'
@@ -226,7 +226,7 @@ def test_a_description_has_at_most_200_links(urdf_path: Path) -> None:
         read_description(urdf_path)
 
 
-def test_description_with_101_moving_joints_is_refused(urdf_path: Path) -> None:
+def test_urdf_with_101_moving_joints_is_refused(urdf_path: Path) -> None:
     links = "".join(f'<link name="l{i}"/>' for i in range(102))
     joints = "".join(
         f'<joint name="j{i}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'

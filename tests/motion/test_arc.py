@@ -23,7 +23,7 @@ coordinates = st.floats(-1.0, 1.0)
 points = st.tuples(coordinates, coordinates, coordinates).map(np.array)
 
 
-def test_arc_of_half_circle_is_exact():
+def test_half_circle_arc_is_exact():
     arc = arc_through_points(X, Y, -X)
     assert arc.length == pytest.approx(math.pi)
     np.testing.assert_allclose(arc.at(0.0)[0], X, atol=1e-12)
@@ -31,7 +31,7 @@ def test_arc_of_half_circle_is_exact():
     np.testing.assert_allclose(arc.at(math.pi)[0], -X, atol=1e-12)
 
 
-def test_via_point_decides_direction_of_arc():
+def test_via_point_determines_direction_of_arc():
     arc = arc_through_points(X, -X, Y)
     assert arc.length == pytest.approx(1.5 * math.pi)
     np.testing.assert_allclose(arc.at(math.pi / 2)[0], -Y, atol=1e-12)
@@ -96,7 +96,7 @@ def test_arc_about_axis_turns_by_its_angle(angle_rad):
         ((0, math.nan, 0), (0, 0, 1), 1.0, "finite"),
     ],
 )
-def test_invalid_circle_is_refused(center, normal, angle_rad, words):
+def test_invalid_circle_motion_is_refused(center, normal, angle_rad, words):
     with pytest.raises(BadValueError, match=words):
         arc_about_axis(X, center, normal, angle_rad)
 
@@ -117,7 +117,7 @@ def test_circle_motion_keeps_tip_on_circle_and_joint_limits():
 
 
 @pytest.mark.parametrize("tool_speed_m_s", [0.01, 0.03])
-def test_tool_speed_is_constant_between_ramps(tool_speed_m_s):
+def test_tool_speed_on_arc_is_constant_between_ramps(tool_speed_m_s):
     motion = circle(tool_speed_m_s=tool_speed_m_s)
     times_s = np.linspace(0.0, motion.duration_s, 4001)
     tips = CHAIN.forward(np.array([motion.at(t) for t in times_s]))[:, :3, 3]
@@ -128,7 +128,7 @@ def test_tool_speed_is_constant_between_ramps(tool_speed_m_s):
     assert len(between) > 0.6 * len(speeds)
 
 
-def test_out_of_reach_error_says_arc():
+def test_arc_out_of_reach_error_mentions_arc():
     arc = arc_about_axis(FROM, FROM + 0.2 * X, (0, 1, 0), math.pi)
     with pytest.raises(CartesianPathError, match="The arc can be followed only for 0"):
         CartesianTrajectory(CHAIN, HOME, arc, PACES)

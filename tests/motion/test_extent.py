@@ -22,7 +22,7 @@ def motions(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_motion_extent_equals_sampled_extremes(seed):
+def test_motion_extent_equals_extremes_of_sampled_positions(seed):
     for motion in motions(seed):
         samples = np.array([motion.at(t) for t in np.linspace(0, motion.duration_s, 1500)])
         lowest, highest = motion.extent

@@ -35,7 +35,7 @@ def test_joint_move_stays_between_start_and_goal(start, goal):
 
 @settings(max_examples=50, deadline=None)
 @given(joints, joints)
-def test_joint_move_starts_and_ends_exactly(start, goal):
+def test_joint_move_starts_and_ends_exactly_at_given_positions(start, goal):
     move = JointMove(start, goal, PACES)
     np.testing.assert_array_equal(move.at(-1.0), start)
     np.testing.assert_array_equal(move.at(1e9), goal)
@@ -48,7 +48,7 @@ def test_slowest_joint_sets_duration_of_joint_move():
     assert JointMove([0, 0], [0.1, 1], PACES).duration_s == pytest.approx(alone)
 
 
-def test_joint_move_without_distance_takes_no_time():
+def test_joint_move_to_its_start_takes_no_time():
     assert JointMove([1, 2], [1, 2], PACES).duration_s == 0.0
 
 
@@ -59,7 +59,7 @@ def test_invalid_goal_of_joint_move_is_refused(goal):
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf])
-def test_speed_limit_must_be_positive_and_finite(speed):
+def test_joint_speed_limit_must_be_positive_and_finite(speed):
     with pytest.raises(BadValueError, match="speed_rad_s"):
         KinematicLimits(speed, 1.0, 1.0)
 
@@ -74,7 +74,7 @@ def _spacing(move):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, joints, st.floats(0.0, 1.0))
-def test_new_goal_during_motion_causes_no_jump(start, first, second, share):
+def test_retargeted_joint_move_has_no_jump(start, first, second, share):
     move = JointMove(start, first, PACES)
     before = move.state(share * move.duration_s)
     after = JointMove(before, second, PACES)
@@ -85,7 +85,7 @@ def test_new_goal_during_motion_causes_no_jump(start, first, second, share):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, st.floats(0.0, 1.0))
-def test_new_goal_during_motion_keeps_kinematic_limits(start, goal, share):
+def test_retargeted_joint_move_keeps_kinematic_limits(start, goal, share):
     move = JointMove(start, goal, PACES)
     turned = JointMove(move.state(share * move.duration_s), start, PACES)
     states = [turned.state(t) for t in np.linspace(0, turned.duration_s, 100)]
@@ -125,7 +125,7 @@ def test_joint_move_keeps_speed_acceleration_and_jerk_limits(start, goal):
 
 @settings(max_examples=60, deadline=None)
 @given(three, three)
-def test_all_joints_arrive_together(start, goal):
+def test_joint_move_brings_all_joints_to_goal_at_same_time(start, goal):
     move = JointMove(start, goal, SLOW_AND_FAST)
     before = move.at(move.duration_s - min(0.02, 0.1 * move.duration_s))
     far = np.abs(goal - start) > 1e-3
@@ -149,7 +149,7 @@ def test_joint_move_extent_includes_overshoot_of_moving_start():
 
 
 @pytest.mark.parametrize("what", ["velocity", "acceleration"])
-def test_start_state_with_nan_is_refused(what):
+def test_joint_move_start_state_with_nan_is_refused(what):
     broken = {"velocity": np.zeros(2), "acceleration": np.zeros(2)} | {
         what: np.array([0, math.nan])
     }
@@ -162,7 +162,7 @@ def test_joint_move_that_ruckig_cannot_solve_is_refused():
         JointMove([-1e12], [1e12], [KinematicLimits(1.0, 1.0, 1.0)])
 
 
-def test_ruckig_error_result_is_refused(monkeypatch):
+def test_ruckig_error_result_raises_error(monkeypatch):
     failed = ruckig.Result.ErrorSynchronizationCalculation
     monkeypatch.setattr("ikservo.motion.point_to_point.Ruckig", lambda _: Failing(failed))
     with pytest.raises(RefusedError, match="ErrorSynchronizationCalculation"):
@@ -179,7 +179,7 @@ class Failing:
         return self.result
 
 
-def test_stop_trajectory_has_all_attributes_of_joint_move():
+def test_stop_trajectory_has_same_attributes_as_joint_move():
     moving = TrajectoryPoint(np.zeros(2), np.array([0.8, -0.2]), np.zeros(2))
     stop = stop_trajectory(moving, PACES)
     assert vars(stop).keys() == vars(JointMove([0.0, 0.0], [1.0, 1.0], PACES)).keys()

@@ -38,7 +38,7 @@ def test_waypoint_trajectory_has_no_jumps(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_waypoint_trajectory_stays_in_range_of_its_points(seed):
+def test_waypoint_trajectory_stays_in_range_of_its_waypoints(seed):
     corners = np.vstack([np.zeros(3), points_of(seed)])
     assert_inside(route_of(seed), corners.min(axis=0), corners.max(axis=0), count=800)
 
@@ -69,21 +69,21 @@ def test_waypoint_trajectory_is_hardly_slower_than_with_stops(seed):
     assert route_of(seed).duration_s <= 1.15 * stopping
 
 
-def test_single_waypoint_is_reached_as_by_joint_move():
+def test_trajectory_to_single_waypoint_is_as_fast_as_joint_move():
     alike = [PACES[0]] * 3
     route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.5, -0.7]], alike, 0.1)
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], alike)
     assert route.duration_s == pytest.approx(move.duration_s, rel=0.01)
 
 
-def test_waypoint_trajectory_there_and_back_turns_at_point():
+def test_waypoint_trajectory_there_and_back_reaches_waypoint():
     route = JointWaypointTrajectory(np.zeros(3), [[1.0, 0.2, 0.4], [0.0, 0.0, 0.0]], PACES, 0.1)
     _, position, _, _ = sampled(route, 2000)
     assert position[:, 0].max() == pytest.approx(1.0, abs=0.0376)
     assert_keeps_paces(route, PACES, count=1200)
 
 
-def test_repeated_waypoint_counts_once():
+def test_repeated_waypoint_is_used_once():
     twice = JointWaypointTrajectory(
         np.zeros(3), [[1.0, 0, 0], [1.0, 0, 0], [1.0, 0.5, 0]], PACES, 0.1
     )

@@ -76,7 +76,7 @@ def test_online_trajectory_has_no_jump_at_new_goal(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_online_trajectory_rests_at_its_last_goal(seed):
+def test_online_trajectory_comes_to_rest_at_last_goal(seed):
     course, _, _ = chased(seed, ended=False)
     rest = course.state(course.settles_at_s)
     np.testing.assert_allclose(rest.position, course.goal, atol=1e-9)
@@ -85,7 +85,7 @@ def test_online_trajectory_rests_at_its_last_goal(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_stopped_online_trajectory_rests_for_good(seed):
+def test_stopped_online_trajectory_stays_at_rest(seed):
     course, _, _ = chased(seed)
     assert math.isfinite(course.duration_s)
     for time_s in (course.duration_s, course.duration_s + 1.0, 1e9):
@@ -93,12 +93,12 @@ def test_stopped_online_trajectory_rests_for_good(seed):
         np.testing.assert_allclose(course.state(time_s).position, course.goal, atol=1e-12)
 
 
-def test_online_trajectory_without_goal_stays():
+def test_online_trajectory_without_goal_stays_at_rest():
     course = OnlineTrajectory([0.1, 0.2, 0.3], PACES)
     np.testing.assert_array_equal(course.state(5.0).position, [0.1, 0.2, 0.3])
 
 
-def test_online_goal_is_reached_as_fast_as_by_joint_move():
+def test_online_trajectory_is_as_fast_as_joint_move():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0.5, -0.7], 2.0)
     assert course.settles_at_s == pytest.approx(
@@ -106,7 +106,7 @@ def test_online_goal_is_reached_as_fast_as_by_joint_move():
     )
 
 
-def test_repeated_equal_goal_changes_nothing():
+def test_repeated_equal_online_goal_changes_nothing():
     once, often = OnlineTrajectory(np.zeros(3), PACES), OnlineTrajectory(np.zeros(3), PACES)
     once.retarget([1.0, 0.5, -0.7], 0.0)
     for time_s in np.arange(0.0, 1.0, 0.01):
@@ -114,7 +114,7 @@ def test_repeated_equal_goal_changes_nothing():
     np.testing.assert_array_equal(often.state(1.1).position, once.state(1.1).position)
 
 
-def test_joints_arrive_together_after_new_goal():
+def test_online_trajectory_joints_arrive_together_at_new_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0.5, -0.7], 0.0)
     course.retarget([-0.3, 0.4, 0.1], 0.4)
@@ -122,33 +122,33 @@ def test_joints_arrive_together_after_new_goal():
     assert (np.abs(before.position - course.goal) > 1e-8).all()
 
 
-def test_goal_beyond_limit_becomes_the_limit():
+def test_online_goal_beyond_limit_is_clipped_to_limit():
     course = OnlineTrajectory(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     np.testing.assert_array_equal(course.retarget([5, 0, -5], 0.0), [1, 0, -1])
     np.testing.assert_array_equal(course.goal, [1, 0, -1])
 
 
-def test_start_outside_limits_stays_until_goal_leads_inside():
+def test_online_start_outside_limits_is_kept_until_new_goal():
     course = OnlineTrajectory([1.1, 0, 0], PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     np.testing.assert_array_equal(course.state(3.0).position, [1.1, 0, 0])
     np.testing.assert_array_equal(course.retarget([1.05, 0, 0], 3.0), [1, 0, 0])
 
 
-def test_online_trajectory_takes_over_motion_smoothly():
+def test_online_trajectory_continues_motion_without_jump():
     move = JointMove(np.zeros(3), [1.0, 0.5, -0.7], PACES)
     course = OnlineTrajectory(move.state(0.5), PACES)
     np.testing.assert_allclose(course.state(0.0).velocity, move.state(0.5).velocity)
     np.testing.assert_allclose(course.state(course.settles_at_s).velocity, 0, atol=1e-12)
 
 
-def test_motion_that_cannot_stop_inside_limits_is_refused():
+def test_online_motion_that_cannot_stop_in_limits_is_refused():
     fast = TrajectoryPoint(np.zeros(3), np.array([1.0, 0, 0]), np.zeros(3))
     with pytest.raises(RefusedError, match="too fast"):
         OnlineTrajectory(fast, PACES, lower=[-1, -1, -1], upper=[0.01, 1, 1])
 
 
 @pytest.mark.parametrize("goal", [[1, 2], [1, 2, math.nan], [math.inf, 0, 0], "here"])
-def test_invalid_goal_is_refused_and_old_one_kept(goal):
+def test_invalid_online_goal_is_refused_and_old_one_kept(goal):
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1, 0, 0], 0.0)
     with pytest.raises(BadValueError, match="The goal"):
@@ -158,14 +158,14 @@ def test_invalid_goal_is_refused_and_old_one_kept(goal):
 
 @pytest.mark.parametrize("time_s", [0.4, -1.0, math.nan, math.inf])
 @pytest.mark.parametrize("what", ["aim", "end"])
-def test_retarget_and_stop_refuse_earlier_time(time_s, what):
+def test_online_retarget_and_stop_refuse_earlier_time(time_s, what):
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1, 0, 0], 0.5)
     with pytest.raises(BadValueError, match="time of the goal"):
         course.retarget([0, 0, 0], time_s) if what == "aim" else course.stop(time_s)
 
 
-def test_new_goal_takes_effect_before_old_one_is_reached():
+def test_new_online_goal_takes_effect_before_old_is_reached():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0, 0], 0.0)
     old_end_s = course.settles_at_s
@@ -173,7 +173,7 @@ def test_new_goal_takes_effect_before_old_one_is_reached():
     assert course.state(old_end_s).position[0] < 0.9
 
 
-def test_stop_during_motion_ends_before_goal():
+def test_online_stop_during_motion_ends_before_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([1.0, 0, 0], 0.0)
     goal_s = course.settles_at_s
@@ -182,7 +182,7 @@ def test_stop_during_motion_ends_before_goal():
     assert course.goal[0] < 0.9
 
 
-def test_stop_that_would_pass_limit_ends_at_old_goal():
+def test_online_stop_that_would_pass_limit_ends_at_old_goal():
     course = OnlineTrajectory(np.zeros(3), PACES, lower=[-1, -1, -1], upper=[1, 1, 1])
     course.retarget([1.0, 0, 0], 0.0)
     goal_s = course.settles_at_s
@@ -205,7 +205,7 @@ def test_stopped_online_trajectory_refuses_new_goal():
 
 @pytest.mark.parametrize("limits", [{"lower": [1, 1, 1], "upper": [0, 2, 2]}, {"lower": [0, 0]},
                                     {"upper": [math.nan, 1, 1]}])  # fmt: skip
-def test_invalid_position_limits_are_refused(limits):
+def test_invalid_online_position_limits_are_refused(limits):
     with pytest.raises(BadValueError, match="limits"):
         OnlineTrajectory(np.zeros(3), PACES, **limits)
 
@@ -219,7 +219,7 @@ def test_online_trajectory_keeps_every_limit_in_campaign(seed):
     assert_smooth(course, count=3000)
 
 
-def test_goal_refused_by_check_keeps_old_goal():
+def test_online_goal_refused_by_check_keeps_old_goal():
     course = OnlineTrajectory(np.zeros(3), PACES)
     course.retarget([0.5, 0.0, 0.0], 0.0)
 

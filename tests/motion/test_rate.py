@@ -20,12 +20,12 @@ class HandClock:
         self.time_s = max(self.time_s, deadline_s)
 
 
-def test_rate_cycles_are_multiples_of_period():
+def test_rate_timer_cycles_are_multiples_of_period():
     times_s = list(itertools.islice(Rate(HandClock(), 0.01), 4))
     assert times_s == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
-def test_late_cycle_does_not_shift_next_one():
+def test_late_cycle_does_not_delay_next_cycle():
     clock = HandClock()
     times_s = []
     for elapsed_s in itertools.islice(Rate(clock, 0.01), 4):
@@ -34,7 +34,7 @@ def test_late_cycle_does_not_shift_next_one():
     assert times_s == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
 
-def test_missed_cycles_are_skipped():
+def test_missed_timer_cycles_are_skipped():
     clock = HandClock()
     metronome = Rate(clock, 0.01)
     times_s = []

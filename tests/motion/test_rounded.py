@@ -28,7 +28,7 @@ def test_blended_path_derivatives_equal_finite_differences(seed):
 
 
 @pytest.mark.parametrize("seed", range(7))
-def test_max_derivatives_bound_every_derivative(seed):
+def test_blended_path_maximum_derivatives_are_never_exceeded(seed):
     _, curve = curve_of(seed)
     begin, end = 0.3 * curve.length, 0.8 * curve.length
     slope, bend, _ = curve.max_derivatives(begin, end)
@@ -39,7 +39,7 @@ def test_max_derivatives_bound_every_derivative(seed):
 
 
 @pytest.mark.parametrize("seed", range(7))
-def test_corners_are_passed_within_0_375_of_blend(seed):
+def test_blended_corners_are_passed_within_0_375_of_blend_radius(seed):
     points, curve = curve_of(seed, 0.04)
     along = np.array([curve.at(s)[0] for s in np.linspace(0, curve.length, 4000)])
     for point in points[1:-1]:
@@ -53,7 +53,7 @@ def test_blended_path_is_shorter_than_its_lines():
     assert lines - 0.1 < curve.path_length() < lines
 
 
-def test_collinear_waypoint_leaves_line_straight():
+def test_collinear_waypoint_of_blended_path_keeps_line_straight():
     curve = BlendedPath(np.array([[0.0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]]), [0.05])
     assert curve.path_length() == pytest.approx(0.3)
     np.testing.assert_allclose(curve.at(0.1)[0], (0.1, 0, 0), atol=1e-12)

@@ -58,7 +58,7 @@ def strays_m(chain, motion):
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
-def test_tip_deviates_under_half_millimetre_from_line(name, seed):
+def test_tool_line_keeps_tip_within_0_5_mm_of_straight_line(name, seed):
     assert strays_m(*seeded(name, seed)).max() < 5e-4
 
 
@@ -89,7 +89,7 @@ def test_tool_lines_keep_every_limit_in_campaign(name, seed):
 
 
 @pytest.mark.parametrize("speed_m_s", [0.02, 0.25, 5.0])
-def test_tip_never_exceeds_tool_speed(speed_m_s):
+def test_tool_line_tip_never_exceeds_requested_speed(speed_m_s):
     motion = line(speed_m_s=speed_m_s)
     times_s, joints, _, _ = sampled(motion, 800)
     tips = CHAIN.forward(joints)[:, :3, 3]
@@ -136,7 +136,7 @@ def test_tool_line_with_end_orientation_reaches_it():
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
 
 
-def test_tool_line_with_end_orientation_turns_evenly():
+def test_tool_line_with_end_orientation_rotates_evenly():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0.1, 0.15, -0.1, 0.1, 0.2, 0.3])
@@ -145,7 +145,7 @@ def test_tool_line_with_end_orientation_turns_evenly():
     assert math.degrees(motion.orientation_error_rad.max()) < 0.1
 
 
-def test_turn_in_place_keeps_tip_position():
+def test_tool_turn_in_place_keeps_tip_position():
     model = load_model("wx250s")
     chain, q = model.chain, model.chain_pose("home")
     end = q + np.array([0, 0, 0, 0, 0, 0.5])
@@ -158,7 +158,7 @@ def test_turn_in_place_keeps_tip_position():
     )
 
 
-def test_line_out_of_reach_is_refused_with_last_reachable_point():
+def test_line_out_of_reach_error_names_last_reachable_point():
     with pytest.raises(CartesianPathError) as caught:
         line(dx=0.5, dy=0.0, dz=0.0)
     error = caught.value
@@ -167,7 +167,7 @@ def test_line_out_of_reach_is_refused_with_last_reachable_point():
     assert error.binding
 
 
-def test_line_past_base_axis_is_refused_as_singularity():
+def test_line_through_base_axis_is_refused_as_singular():
     model = load_model("open_manipulator_x")
     chain = model.chain
     q = solve(chain, Target((0.06, 0.0, 0.25)), model.chain_pose("home")).q
@@ -176,13 +176,13 @@ def test_line_past_base_axis_is_refused_as_singularity():
     assert 0.0 < caught.value.along_m < 0.12
 
 
-def test_strict_line_that_turns_tool_is_refused_with_place():
+def test_line_that_cannot_keep_orientation_is_refused():
     with pytest.raises(CartesianPathError, match="tool would turn") as caught:
         line(0.0, 0.15, 0.0, strict=True)
     assert 0.0 < caught.value.along_m < 0.15
 
 
-def test_line_of_zero_length_takes_no_time():
+def test_tool_line_of_zero_length_takes_no_time():
     assert line(0, 0, 0).duration_s == pytest.approx(0.0, abs=1e-6)
 
 
@@ -226,6 +226,6 @@ def test_tool_waypoint_line_is_faster_than_single_lines():
     assert tool_line(CHAIN, HOME, CORNERS, PACES).duration_s < lines_s
 
 
-def test_tool_line_takes_under_1_5_times_joint_move():
+def test_tool_line_takes_under_1_5_times_as_long_as_joint_move():
     motion = line()
     assert motion.duration_s < 1.5 * JointMove(HOME, motion.goal, PACES).duration_s

@@ -34,6 +34,6 @@ def test_core_works_without_posix_modules(output, case):
     assert f"works: {case}" in output
 
 
-def test_code_without_posix_does_not_load_posix_modules(output):
+def test_core_does_not_import_posix_modules_without_posix(output):
     loaded = next(line for line in output if line.startswith("modules: ")).split()[1:]
     assert not MODULES & set(loaded)

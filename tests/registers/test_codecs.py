@@ -37,7 +37,7 @@ class TestBytes:
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(data=st.data())
-def test_codec_round_trips_every_number(codec, data):
+def test_register_codec_round_trips_every_number(codec, data):
     size = 2
     number = data.draw(st.integers(*codec.span(size)))
     assert codec.to_number(codec.to_word(number, size), size) == number
@@ -45,17 +45,17 @@ def test_codec_round_trips_every_number(codec, data):
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(data=st.data())
-def test_codec_word_fits_its_bytes(codec, data):
+def test_register_codec_output_fits_register_size(codec, data):
     size = 2
     assert 0 <= codec.to_word(data.draw(st.integers(*codec.span(size))), size) < 1 << 16
 
 
 @pytest.mark.parametrize("codec", ALL, ids=str)
 @given(word=st.integers(0, 0xFFFF))
-def test_codec_number_of_every_word_is_in_span(codec, word):
+def test_register_codec_decodes_every_word_into_range(codec, word):
     lower, upper = codec.span(2)
     assert lower <= codec.to_number(word, 2) <= upper
 
 
-def test_sign_magnitude_minus_zero_is_zero():
+def test_sign_magnitude_minus_zero_decodes_to_zero():
     assert SignMagnitude(15).to_number(0x8000, 2) == 0

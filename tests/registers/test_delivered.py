@@ -8,7 +8,7 @@ from servosim.servo_models import table_for
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_delivered_eeprom_values_equal_data_sheet(model):
+def test_factory_eeprom_values_equal_data_sheet(model):
     sheet = {row.address: row for row in table_for(model).registers}
     for register in MODELS[model].registers.values():
         value = delivered_value(MODELS[model], register)

@@ -80,7 +80,7 @@ CHANGED = {
 
 
 @pytest.mark.parametrize(("source", "model", "rows"), CASES, ids=[f"{m}, {s}" for s, m, _ in CASES])
-def test_register_names_addresses_and_sizes_equal_published(source, model, rows):
+def test_register_tables_match_published_tables(source, model, rows):
     table = MODELS[model]
     assert len(rows) > 25
     for address, size, name in rows:
@@ -96,7 +96,7 @@ def test_register_names_addresses_and_sizes_equal_published(source, model, rows)
         assert (register.address, register.size) == (int(address), int(size)), name
 
 
-def test_each_family_has_two_published_sources():
+def test_register_tables_have_two_published_sources_per_family():
     for family in Family:
         found = {source for source, model, _ in CASES if MODELS[model].family is family}
         assert len(found) >= 2, family
@@ -104,7 +104,7 @@ def test_each_family_has_two_published_sources():
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009", "XL330-M288", "XM430-W350", "AX-12A",
                                    "MX-28", "XL-320"])  # fmt: skip
-def test_only_four_known_registers_lack_a_published_source(model):
+def test_only_four_registers_lack_a_published_source(model):
     published = {
         (int(address), int(size)) for _, each, rows in CASES if each == model
         for address, size, _ in rows

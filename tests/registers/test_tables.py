@@ -38,7 +38,7 @@ def test_registers_do_not_overlap(table):
 
 
 @every_table
-def test_every_role_has_register_or_is_marked_missing(table):
+def test_every_register_role_is_mapped_or_marked_missing(table):
     for role in set(RegisterName) - set(table.missing):
         assert table.find(role) in table.registers.values(), role
     for role in table.missing:
@@ -54,7 +54,7 @@ def test_register_roles_are_declared_for_type_checkers():
 
 
 @every_table
-def test_register_name_is_table_attribute(table):
+def test_register_is_attribute_of_its_table(table):
     for name, register in table.registers.items():
         assert getattr(table, name) is register
 
@@ -98,21 +98,21 @@ NUMBERS = {
 
 
 @pytest.mark.parametrize("model", NUMBERS)
-def test_model_number_leads_to_its_table(model):
+def test_servo_model_number_selects_register_table(model):
     table = MODELS[model]
     assert control_table_for_number(table.family, NUMBERS[model]) is table
 
 
-def test_model_numbers_are_unique_within_family():
+def test_servo_model_numbers_are_unique_within_family():
     numbers = [(table.family, table.number) for table in MODELS.values()]
     assert len(set(numbers)) == len(numbers)
 
 
-def test_unknown_model_number_has_no_table():
+def test_unknown_servo_model_number_has_no_register_table():
     assert control_table_for_number(Family.DYNAMIXEL_2, 4242) is None
 
 
-def test_table_is_found_by_model_name():
+def test_register_table_is_found_by_model_name():
     assert control_table("STS3215") is STS3215
 
 
@@ -121,23 +121,23 @@ def test_unknown_model_name_suggests_closest():
         control_table("XL430-W25")
 
 
-def test_role_finds_register_despite_vendor_names():
+def test_register_role_finds_register_with_any_vendor_name():
     assert STS3215.find(RegisterName.PRESENT_VOLTAGE) is STS3215.present_voltage
     assert XL430W250.find(RegisterName.PRESENT_VOLTAGE) is XL430W250.present_input_voltage
 
 
-def test_register_of_another_model_is_mapped_to_own_one():
+def test_register_of_another_model_is_mapped_by_its_role():
     assert XL330M288.find(XL430W250.max_voltage_limit) is XL330M288.max_voltage_limit
 
 
-def test_dual_shaft_models_lack_two_registers():
+def test_dual_shaft_servo_models_lack_two_registers():
     lacks = {"startup_configuration", "backup_ready"}
     assert lacks <= XL430W250.registers.keys()
     for model in ("2XL430-W250", "2XC430-W250"):
         assert MODELS[model].registers.keys() == XL430W250.registers.keys() - lacks
 
 
-def test_role_missing_in_model_of_series_is_refused():
+def test_register_role_missing_in_servo_model_is_refused():
     with pytest.raises(UnknownNameError, match="HLS3606M register named 'return_delay'"):
         MODELS["HLS3606M"].find(RegisterName.RETURN_DELAY)
 
@@ -194,5 +194,5 @@ def test_alarm_bits_decode_to_named_alarms():
     assert MODELS["XL-320"].decode_alarms(0b101) == {Alarm.OVERLOAD, Alarm.VOLTAGE}
 
 
-def test_unnamed_alarm_bit_becomes_unknown_alarm():
+def test_unnamed_alarm_bit_is_decoded_as_unknown_alarm():
     assert STS3215.decode_alarms(0b1000_0000) == {Alarm.UNKNOWN}

@@ -10,7 +10,7 @@ from servosim.servo_models import TABLES
 OURS = pytest.mark.parametrize("table", MODELS.values(), ids=MODELS)
 
 
-def test_driver_and_simulator_know_same_models():
+def test_driver_and_simulator_support_same_servo_models():
     assert set(MODELS) == set(TABLES) - {"STS3215-C018"}
 
 
@@ -23,7 +23,7 @@ def test_sts3215_c018_has_number_and_registers_of_sts3215():
 
 
 @OURS
-def test_model_numbers_equal_those_of_simulator(table):
+def test_servo_model_numbers_equal_those_of_simulator(table):
     assert table.number == TABLES[table.model_name].number
 
 
@@ -52,7 +52,7 @@ def test_register_names_addresses_and_access_equal_simulator(table):
 
 
 @OURS
-def test_encoded_numbers_equal_those_of_simulator(table):
+def test_register_encodings_equal_those_of_simulator(table):
     rows = {row.name: row for row in TABLES[table.model_name].registers}
     for name, register in table.registers.items():
         row = rows[name]

@@ -117,7 +117,7 @@ def test_mass_matrix_of_cranked_branching_arm_equals_mujoco(tmp_path: Path) -> N
         assert np.array(body.mass_matrix(q)) == pytest.approx(expected, abs=1e-9)
 
 
-def test_velocity_forces_of_cranked_arm_equal_mujoco(tmp_path: Path) -> None:
+def test_coriolis_forces_of_cranked_arm_equal_mujoco(tmp_path: Path) -> None:
     path = write(tmp_path, CRANKED)
     body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
     rng = np.random.default_rng(8)
@@ -141,12 +141,12 @@ def test_gravity_of_every_shipped_arm_equals_mujoco(path: Path) -> None:
         assert body.load_nm(q, [0.0] * len(names)) == pytest.approx(expected, abs=1e-6)
 
 
-def test_level_pendulum_load_is_weight_times_length(tmp_path: Path) -> None:
+def test_simulated_level_pendulum_load_is_weight_times_length(tmp_path: Path) -> None:
     body = RigidArm(write(tmp_path, PENDULUM.format(more="")), ["swing"])
     assert body.load_nm([0.0], [0.0]) == pytest.approx([0.5 * 9.81 * 0.2])
 
 
-def test_hanging_pendulum_has_no_load(tmp_path: Path) -> None:
+def test_simulated_hanging_pendulum_has_no_load(tmp_path: Path) -> None:
     body = RigidArm(write(tmp_path, PENDULUM.format(more="")), ["swing"])
     assert body.load_nm([math.pi / 2], [0.0]) == pytest.approx([0.0], abs=1e-12)
 

@@ -65,14 +65,14 @@ def so101(drive: DriveCommand | None = None) -> Bench:
     return Bench(RigidArm(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or DriveCommand())
 
 
-def test_arm_falls_to_its_stop_with_torque_off() -> None:
+def test_simulated_arm_with_torque_off_falls_to_end_stop() -> None:
     arm = so101()
     arm.motors["shoulder_lift"].place(0.8)
     arm.run(3.0)
     assert arm.motors["shoulder_lift"].position_rad == arm.motors["shoulder_lift"].upper_stop_rad
 
 
-def test_arm_holds_its_pose_with_torque_on() -> None:
+def test_simulated_arm_holds_its_pose_with_torque_on() -> None:
     arm = so101(DriveCommand(torque_on=True)).run(3.0)
     assert [m.position_rad for m in arm.motors.values()] == pytest.approx([0.0] * 6, abs=0.05)
     assert [m.velocity_rad_s for m in arm.motors.values()] == [0.0] * 6
@@ -89,7 +89,7 @@ def test_shoulder_sag_is_gravity_torque_over_stiffness() -> None:
     assert abs(held_nm + load_nm) <= friction_nm
 
 
-def test_load_inertia_slows_start_of_shaft() -> None:
+def test_load_inertia_reduces_motor_acceleration() -> None:
     bare, laden = free(drive=DriveCommand(True, mode=ControlMode.PWM, goal_pwm=0.5)), free()
     laden.drive = bare.drive
     laden.motors["joint"].load_inertia_kg_m2 = 0.03
@@ -99,19 +99,19 @@ def test_load_inertia_slows_start_of_shaft() -> None:
     assert share == pytest.approx(0.0215 / 0.0515, rel=0.25)
 
 
-def test_hand_carries_free_joint_to_its_goal() -> None:
+def test_simulated_hand_moves_limp_joint_to_its_target() -> None:
     bench = free(hand=Hand(glide(0.0, 0.7, speed=0.5))).run(2.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.7, abs=0.003)
 
 
-def test_hand_holds_arm_against_gravity() -> None:
+def test_simulated_hand_holds_limp_arm_against_gravity() -> None:
     arm = so101()
     arm.hands["shoulder_lift"] = Hand(hold(0.4))
     arm.run(2.0)
     assert arm.motors["shoulder_lift"].position_rad == pytest.approx(0.4, abs=0.01)
 
 
-def test_sweeping_hand_reaches_both_stops() -> None:
+def test_simulated_hand_sweeps_joint_to_both_end_stops() -> None:
     bench = free(hand=Hand(sweep(0.0, -1.2, 1.2, speed=1.0), limit=3.0))
     seen: list[float] = []
     for _ in range(600):
@@ -119,34 +119,34 @@ def test_sweeping_hand_reaches_both_stops() -> None:
     assert (min(seen), max(seen)) == (-1.0, 1.0)
 
 
-def test_hand_pushes_with_its_force_limit_at_most() -> None:
+def test_simulated_hand_force_is_limited() -> None:
     hand = Hand(push(-1.0), limit=0.6)
     bench = free(drive=DriveCommand(torque_on=True), hand=hand).run(2.0)
     assert hand.force == -0.6
     assert bench.motors["joint"].torque_nm == pytest.approx(0.6, abs=0.3)
 
 
-def test_strong_hand_stalls_motor_at_its_torque_limit() -> None:
+def test_strong_simulated_hand_stalls_motor_at_torque_limit() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.0), limit=10.0)).run(1.0)
     assert abs(bench.motors["joint"].position_rad) < 0.01
     assert bench.motors["joint"].pwm == pytest.approx(0.3)
 
 
-def test_released_joint_returns_to_motor_goal() -> None:
+def test_joint_released_by_simulated_hand_returns_to_goal() -> None:
     bench = free(drive=DriveCommand(torque_on=True), hand=Hand(hold(0.4), limit=10.0)).run(0.5)
     bench.hands.clear()
     bench.run(2.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.0, abs=0.02)
 
 
-def test_one_sided_hand_stops_joint_that_moves_against_it() -> None:
+def test_one_sided_simulated_hand_stops_joint_moving_against_it() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=0.5, torque_limit=0.3)
     bench = free(drive=drive, hand=Hand(hold(0.2), limit=10.0, only=-1)).run(1.0)
     assert bench.motors["joint"].position_rad == pytest.approx(0.2, abs=0.01)
 
 
-def test_one_sided_hand_ignores_joint_that_moves_away() -> None:
+def test_one_sided_simulated_hand_ignores_joint_moving_away() -> None:
     drive = DriveCommand(torque_on=True, goal_rad=-0.5)
     hand = Hand(hold(0.2), limit=10.0, only=-1)
     bench = free(drive=drive, hand=hand).run(1.0)
@@ -155,7 +155,7 @@ def test_one_sided_hand_ignores_joint_that_moves_away() -> None:
 
 
 @pytest.mark.parametrize("model", sorted(PARAMETERS))
-def test_hand_holds_joints_of_every_model_without_oscillation(model: str) -> None:
+def test_simulated_hand_holds_every_servo_without_oscillation(model: str) -> None:
     bench = free(model, hand=Hand(hold(0.2))).run(1.0)
     held_rad = bench.motors["joint"].position_rad
     bench.run(0.01)
@@ -175,5 +175,5 @@ def test_resting_servo_draws_standby_current_only() -> None:
     assert supply.voltage_v([Motor(PARAMETERS["XL430-W250"])]) == pytest.approx(11.9)
 
 
-def test_simulated_push_has_an_infinitely_far_target() -> None:
+def test_simulated_push_has_target_at_infinity() -> None:
     assert push(2.0)(99.0) == (math.inf, 0.0)

@@ -46,14 +46,14 @@ def run(body: MujocoBody, motors: list[Motor], drive: DriveCommand, seconds: flo
             motor.set_state(*state)
 
 
-def test_rod_with_torque_off_falls_onto_floor_and_stays(tmp_path: Path) -> None:
+def test_simulated_limp_rod_falls_onto_floor_and_stays(tmp_path: Path) -> None:
     body, motor = rod(tmp_path), Motor(STS)
     run(body, [motor], DriveCommand(), 3.0)
     assert body.contacts > 0
     assert motor.position_rad == pytest.approx(0.305, abs=0.01)  # sin = (0.1 - 0.01 cos) / 0.3
 
 
-def test_held_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
+def test_simulated_rod_sags_by_torque_over_stiffness(tmp_path: Path) -> None:
     body, motor = rod(tmp_path), Motor(STS)
     run(body, [motor], DriveCommand(torque_on=True), 3.0)
     load_nm = 0.5 * 9.81 * 0.15
@@ -70,7 +70,7 @@ def test_so101_in_mujoco_reaches_pose_with_all_joints_moving() -> None:
     assert [m.position_rad for m in motors] == pytest.approx([0.3] * 6, abs=0.05)
 
 
-def test_missing_joint_raises_arm_file_error(tmp_path: Path) -> None:
+def test_joint_missing_in_urdf_raises_arm_file_error(tmp_path: Path) -> None:
     path = tmp_path / "rod.urdf"
     path.write_text(ROD)
     with pytest.raises(ArmFileError, match="elbow"):
@@ -93,7 +93,7 @@ def test_mujoco_floor_is_at_table_height_of_arm_file() -> None:
     assert -0.017 < tip_from_joints("open_manipulator_x", joints)[2] < 0.005
 
 
-def test_link_has_no_contact_with_base_it_turns_on() -> None:
+def test_mujoco_link_has_no_contact_with_its_own_base() -> None:
     port = open_port(f"sim:{CONFIGS}/koch/arm.toml?pose=home&physics=1")
     pan = port.line.servos[1]
     pan.write("torque_enable", 1)
@@ -102,7 +102,7 @@ def test_link_has_no_contact_with_base_it_turns_on() -> None:
     assert pan.read("present_position") == pytest.approx(pan.read("goal_position"), abs=5)
 
 
-def test_mujoco_rotor_stays_while_output_crosses_backlash(tmp_path: Path) -> None:
+def test_mujoco_rotor_rests_while_output_crosses_backlash(tmp_path: Path) -> None:
     body = rod(tmp_path)
     for _ in range(12):
         position, _, lash, rotor = body.step(0.001, [0.0], {})[0]
@@ -111,7 +111,7 @@ def test_mujoco_rotor_stays_while_output_crosses_backlash(tmp_path: Path) -> Non
     assert lash == pytest.approx(position, abs=1e-6)
 
 
-def test_mujoco_and_own_dynamics_agree_on_rest_position() -> None:
+def test_mujoco_and_built_in_dynamics_agree_on_rest_position() -> None:
     states: list[list[tuple[float, float]]] = []
     for option in ("", "&physics=1"):
         port = open_port(f"sim:{CONFIGS}/so101/arm.toml?pose=home{option}")

@@ -37,7 +37,7 @@ def test_goal_write_is_answered_as_in_manual(make_port):
     assert port.read(64).hex() == "fffffd000104005500a10c"
 
 
-def test_servo_in_middle_reads_position_2048(make_port):
+def test_centred_dynamixel_reads_position_2048(make_port):
     assert read(make_port("XL430-W250"), 1, 132, 4) == [(1, 0, b"\x00\x08\x00\x00")]
 
 
@@ -144,7 +144,7 @@ def test_fast_sync_read_is_answered_in_one_packet(make_port):
     assert (frame.params[:6], frame.params[8:]) == (first, second)
 
 
-def test_fast_sync_read_breaks_off_at_missing_servo(make_port):
+def test_fast_sync_read_reply_ends_at_missing_servo(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.write(encode2(254, 0x8A, b"\x84\x00\x04\x00\x01\x09\x02"))
     assert len(port.read(64)) == 8 + 8
@@ -160,7 +160,7 @@ def test_status_return_level_decides_which_requests_are_answered(make_port, leve
     assert tuple(bool(answers) for answers in asked) == answered
 
 
-def test_reply_waits_for_return_delay(make_port):
+def test_servo_reply_waits_for_return_delay(make_port):
     port = make_port("XL430-W250")
     port.line.servos[1].write("return_delay_time", 100)
     port.write(encode2(1, 0x01))
@@ -169,7 +169,7 @@ def test_reply_waits_for_return_delay(make_port):
     assert port.clock.now_s() - wire_s == pytest.approx(200e-6, abs=5e-6)
 
 
-def test_back_to_back_packets_get_one_reply_to_the_first(make_port):
+def test_back_to_back_packets_get_reply_only_to_first(make_port):
     port = make_port("XM430-W350")
     port.write(5 * encode2(1, 0x01, b""))
     assert len(port.read(5 * 14)) == 14
@@ -177,7 +177,7 @@ def test_back_to_back_packets_get_one_reply_to_the_first(make_port):
     assert len(port.read(14)) == 14
 
 
-def test_new_id_takes_effect_at_once(make_port):
+def test_new_servo_id_takes_effect_at_once(make_port):
     port = make_port("XL430-W250")
     write(port, 1, 7, 42, 1)
     assert (ask(port, 1, 0x01), [a[0] for a in ask(port, 42, 0x01)]) == ([], [42])
@@ -189,7 +189,7 @@ def test_servo_at_another_baud_rate_does_not_answer(make_port):
     assert ask(port, 1, 0x01) == []
 
 
-def test_new_baud_rate_counts_from_next_instruction(make_port):
+def test_new_baud_rate_applies_from_next_instruction(make_port):
     port = make_port("XL430-W250")
     answer = write(port, 1, 8, 2, 1)
     port.baudrate = 115200
@@ -228,7 +228,7 @@ def test_broadcast_factory_reset_of_everything_is_ignored(make_port):
     assert port.line.servos[42].read("id") == 42
 
 
-def test_clear_instruction_returns_position_to_one_turn(make_port):
+def test_clear_instruction_resets_position_to_one_turn(make_port):
     port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("operating_mode", 4)
@@ -238,14 +238,14 @@ def test_clear_instruction_returns_position_to_one_turn(make_port):
     assert (before, servo.read("present_position")) == (2048 + 3 * 4096, 2048)
 
 
-def test_secondary_id_obeys_without_reply(make_port):
+def test_servo_obeys_secondary_id_without_reply(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.line.servos[2].write("secondary_id", 1)
     answers = write(port, 1, 65, 1, 1)
     assert (answers, port.line.servos[2].read("led")) == ([(1, 0, b"")], 1)
 
 
-def test_secondary_id_does_not_write_eeprom(make_port):
+def test_secondary_id_cannot_write_eeprom(make_port):
     port = make_port("XL430-W250", "XL430-W250")
     port.line.servos[2].write("secondary_id", 1)
     write(port, 1, 31, 60, 1)
@@ -265,7 +265,7 @@ def test_indirect_address_reads_and_writes_its_target(make_port):
     assert (port.line.servos[1].read("led"), read(port, 1, 224, 1)) == (1, [(1, 0, b"\x01")])
 
 
-def test_duplicate_ids_garble_ping_reply(make_port):
+def test_duplicate_ids_corrupt_ping_reply(make_port):
     port = make_port("XL430-W250", "XL330-M288", ids=(1, 1))
     assert ask(port, 1, 0x01) != [(1, 0, bytes((0x24, 0x04, 46)))]
 

@@ -57,7 +57,7 @@ def test_write_beyond_last_byte_of_table_changes_nothing(make_port, beyond, is_d
     assert (servo.read("goal_position") == 1500) is is_done
 
 
-def test_write_of_no_bytes_is_refused(make_port):
+def test_write_instruction_without_data_is_refused(make_port):
     servo = make_port("STS3215").line.servos[1]
     assert servo.check_write(0x2A, b"") is not None
 
@@ -81,7 +81,7 @@ def test_present_position_wraps_into_one_turn(make_port):
     assert port.line.servos[1].read("present_position") == 2048 + 2282 - 4096
 
 
-def test_phase_bit_4_makes_position_count_turns(make_port):
+def test_sts_phase_bit_4_enables_multi_turn_position(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("phase", 12 | 16)
@@ -89,7 +89,7 @@ def test_phase_bit_4_makes_position_count_turns(make_port):
     assert servo.read("present_position") == 2048 + 2282
 
 
-def test_torque_128_sets_present_position_to_2048(make_port):
+def test_torque_register_128_sets_present_position_to_2048(make_port):
     port = make_port("STS3215")
     port.line.world.place("servo_1", 0.5)
     ask(port, 1, 0x03, b"\x28\x80")
@@ -98,7 +98,7 @@ def test_torque_128_sets_present_position_to_2048(make_port):
 
 
 @pytest.mark.parametrize("goal", [1500, 2500])
-def test_torque_128_during_motion_stops_at_present_position(make_port, goal):
+def test_torque_register_128_during_motion_stops_servo(make_port, goal):
     port = make_port("STS3215")
     servo, clock = port.line.servos[1], port.clock
     servo.write("torque_enable", 1)
@@ -112,7 +112,7 @@ def test_torque_128_during_motion_stops_at_present_position(make_port, goal):
         1, pytest.approx(2048, abs=10))  # fmt: skip
 
 
-def test_torque_128_does_not_switch_torque_on(make_port):
+def test_torque_register_128_does_not_switch_torque_on(make_port):
     port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x28\x80")
     assert not port.line.servos[1].drive.torque_on
@@ -135,7 +135,7 @@ def test_unlocked_servo_is_locked_after_power_up(make_port):
     assert servo.read("lock") == 1
 
 
-def test_goal_beyond_limits_is_driven_to_limit(make_port):
+def test_sts_goal_beyond_limits_moves_servo_to_limit(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("max_position_limit", 2200)
@@ -151,7 +151,7 @@ def test_write_to_measured_register_is_ignored(make_port):
     assert port.line.servos[1].read("present_position") == 2048
 
 
-def test_write_at_response_level_0_is_not_answered(make_port):
+def test_write_is_not_answered_at_response_level_0(make_port):
     port = make_port("STS3215")
     port.line.servos[1].write("response_level", 0)
     assert (ask(port, 1, 0x03, b"\x29\x14"), len(ask(port, 1, 0x01))) == ([], 1)
@@ -178,7 +178,7 @@ def test_reboot_is_not_answered_and_takes_0_7_to_0_9_s(make_port):
     assert port.line.servos[1].read("acceleration") == 0
 
 
-def test_recovery_restores_backup(make_port):
+def test_recovery_instruction_restores_backup(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("lock", 0)
@@ -203,7 +203,7 @@ def test_goal_write_switches_torque_on(make_port):
     assert (servo.read("torque_enable"), servo.drive.torque_on) == (1, True)
 
 
-def test_goal_write_keeps_torque_off_with_goal_keeps_torque(make_port):
+def test_sim_option_keeps_torque_off_at_goal_write(make_port):
     port = make_port("STS3215")
     port.line.world.keep_torque_with_goals()
     servo = port.line.servos[1]
@@ -220,7 +220,7 @@ def test_goal_write_does_not_switch_torque_on_during_alarm(make_port):
 
 
 @pytest.mark.parametrize(("goal", "driven_to"), [(3100, 3000), (3900, 500), (100, 500)])
-def test_goal_is_clamped_to_nearer_limit_on_circle(make_port, goal, driven_to):
+def test_sts_goal_is_clamped_to_nearer_limit_on_circle(make_port, goal, driven_to):
     servo = make_port("STS3215").line.servos[1]
     servo.write("min_position_limit", 500)
     servo.write("max_position_limit", 3000)
@@ -241,7 +241,7 @@ def test_max_speed_limit_caps_goal_speed(make_port, goal_speed):
     assert servo.read("present_position") - first == pytest.approx(500, abs=15)
 
 
-def test_duplicate_ids_with_different_positions_garble_replies(make_port):
+def test_duplicate_ids_with_different_positions_corrupt_replies(make_port):
     port = make_port("STS3215", "STS3215", ids=(1, 1))
     port.line.world.place("servo_2", 0.7)
     assert ask(port, 1, 0x02, b"\x38\x02") != [(1, 0, b"\x00\x08")]

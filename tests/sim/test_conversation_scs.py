@@ -24,7 +24,7 @@ def test_scs_position_is_read_big_endian(make_port):
     assert ask(make_port("SCS0009"), 1, 2, b"\x38\x02") == [(1, 0, b"\x02\x00")]
 
 
-def test_scs_register_2_holds_byte_order(make_port):
+def test_scs_register_2_states_byte_order(make_port):
     assert ask(make_port("SCS15"), 1, 2, b"\x02\x01") == [(1, 0, b"\x01")]
 
 
@@ -36,7 +36,7 @@ def test_scs_broadcast_ping_is_not_answered(make_port):
     assert ask(make_port("SCS0009"), 254, 1) == []
 
 
-def test_sts_answers_sync_read_on_a_bus_shared_with_scs(make_port):
+def test_sts_servo_answers_sync_read_on_bus_shared_with_scs(make_port):
     port = make_port("SCS0009", "STS3215")
     assert [a[0] for a in ask(port, 254, 0x82, b"\x38\x02\x01\x02")] == [2]
 

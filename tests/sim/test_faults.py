@@ -20,7 +20,7 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_silent_fault_lasts_for_its_time(make_port):
+def test_simulated_silence_lasts_for_configured_time(make_port):
     port = make_port("STS3215")
     port.line.faults.add(Fault("silent", id=1, at_s=0.05, for_s=0.05))
     received = []
@@ -30,13 +30,13 @@ def test_silent_fault_lasts_for_its_time(make_port):
     assert received == [PONG, b"", PONG]
 
 
-def test_fault_of_another_servo_has_no_effect(make_port):
+def test_simulated_fault_of_one_servo_does_not_affect_others(make_port):
     port = make_port("STS3215")
     port.line.faults.add(Fault("silent", id=2))
     assert ping(port) == PONG
 
 
-def test_late_fault_delays_reply_into_next_transaction(make_port):
+def test_late_reply_fault_delays_reply_into_next_request(make_port):
     port = make_port("STS3215", "STS3215")
     port.line.faults.add(Fault("late", id=1, delay_s=0.025, count=1))
     port.timeout = 0.02
@@ -65,13 +65,13 @@ def test_reply_fault_changes_bytes_as_configured(make_port, kind, options, expec
     assert expected(port.read(64))
 
 
-def test_fault_count_ends_fault(make_port):
+def test_simulated_fault_ends_after_configured_count(make_port):
     port = make_port("STS3215")
     port.line.faults.add(Fault("silent", count=2))
     assert [ping(port) for _ in range(3)] == [b"", b"", PONG]
 
 
-def test_fault_probability_is_repeatable_with_same_seed(make_port):
+def test_simulated_random_faults_repeat_with_same_seed(make_port):
     def losses():
         port = make_port("STS3215", seed=7)
         port.line.faults.add(Fault("silent", probability=0.5))
@@ -104,7 +104,7 @@ def test_brownout_fault_switches_torque_off_and_clears_ram(make_port):
     assert (during, after) == ((b"", False), (PONG, 0, 0))
 
 
-def test_alarm_fault_is_in_replies_until_its_end(make_port):
+def test_alarm_fault_sets_status_bits_until_it_ends(make_port):
     port = make_port("STS3215")
     port.line.faults.add(Fault("alarm", bits=0x04, for_s=0.05))
     run(port, 0.01)
@@ -113,7 +113,7 @@ def test_alarm_fault_is_in_replies_until_its_end(make_port):
     assert (during[4], ping(port)) == (0x04, PONG)
 
 
-def test_hot_fault_raises_alarm_and_switches_torque_off(make_port):
+def test_overheating_fault_raises_alarm_and_switches_torque_off(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
@@ -122,7 +122,7 @@ def test_hot_fault_raises_alarm_and_switches_torque_off(make_port):
     assert (servo.read("status"), servo.drive.torque_on) == (0x04, False)
 
 
-def test_stuck_fault_blocks_shaft_for_its_time(make_port):
+def test_stuck_fault_blocks_shaft_for_configured_time(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     port.line.faults.add(Fault("stuck", for_s=0.5))
@@ -135,7 +135,7 @@ def test_stuck_fault_blocks_shaft_for_its_time(make_port):
     assert (during, servo.read("present_position")) == (2048, pytest.approx(2500, abs=3))
 
 
-def test_voltage_fault_is_measured_and_raises_alarm(make_port):
+def test_voltage_fault_changes_reading_and_raises_alarm(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     port.line.faults.add(Fault("voltage", volts=3.5))
@@ -143,7 +143,7 @@ def test_voltage_fault_is_measured_and_raises_alarm(make_port):
     assert (servo.read("present_voltage"), servo.read("status")) == (35, 0x01)
 
 
-def test_torque_lost_fault_leaves_torque_register_on(make_port):
+def test_torque_lost_fault_does_not_clear_torque_register(make_port):
     port = make_port("XL430-W250")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)
@@ -165,18 +165,18 @@ def test_slipping_fault_lets_joint_sag_under_load(configs):
     assert abs(port.line.servos[3].read("present_position") - sound) > 100
 
 
-def test_unknown_fault_is_refused_with_known_names(make_port):
+def test_unknown_simulated_fault_error_lists_known_names(make_port):
     with pytest.raises(FaultError, match="no fault is named 'gremlin'; known: silent, late"):
         make_port("STS3215").line.faults.add(Fault("gremlin"))
 
 
 class TestFiles:
-    def test_faults_are_read_from_toml(self, tmp_path):
+    def test_simulated_faults_are_read_from_toml(self, tmp_path):
         path = tmp_path / "faults.toml"
         path.write_text('[[fault]]\nkind = "late"\nid = 3\nprobability = 0.02\ndelay_s = 0.1\n')
         assert read_faults(path) == [Fault("late", id=3, probability=0.02, delay_s=0.1)]
 
-    def test_faults_are_read_from_json(self, tmp_path):
+    def test_simulated_faults_are_read_from_json(self, tmp_path):
         path = tmp_path / "faults.json"
         path.write_text('[{"kind": "silent", "count": 2}]')
         assert read_faults(path) == [Fault("silent", count=2)]
@@ -195,7 +195,7 @@ class TestFiles:
             ("[[[\n", "faults.toml"),
         ],
     )
-    def test_invalid_faults_file_is_refused(self, tmp_path, text, message):
+    def test_invalid_simulator_faults_file_is_refused(self, tmp_path, text, message):
         path = tmp_path / "faults.toml"
         path.write_text(text)
         with pytest.raises(FaultError, match=message):

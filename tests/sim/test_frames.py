@@ -117,7 +117,7 @@ def test_protocol_1_frame_is_encoded_and_read_as_in_manual(name):
     assert Dynamixel1Reader().feed(data) == [Frame(id_, instruction, _hex(params), len(data))]
 
 
-def test_fast_reply_share_has_checksum_of_all_bytes_before():
+def test_fast_sync_reply_part_has_crc_of_all_bytes_before():
     ends = (14, 22, 30)
     sums = [FAST_REPLY[end : end + 2] for end in ends]
     assert [crc16(FAST_REPLY[:end]).to_bytes(2, "little") for end in ends] == sums
@@ -137,50 +137,48 @@ def test_stuffed_bytes_do_not_contain_header(body):
     ("reader", "encode"), [(Dynamixel2Reader, encode2), (Dynamixel1Reader, encode1)]
 )
 class TestReader:
-    def test_reader_finds_frame_that_comes_byte_by_byte(self, reader, encode):
+    def test_frame_reader_finds_frame_received_byte_by_byte(self, reader, encode):
         data, ears = encode(3, 2, b"\x84\x00\x04\x00"), reader()
         found = [frame for k in range(len(data)) for frame in ears.feed(data[k : k + 1])]
         assert found == [Frame(3, 2, b"\x84\x00\x04\x00", 1)]
 
-    def test_reader_finds_two_frames_in_one_chunk_of_bytes(self, reader, encode):
+    def test_frame_reader_finds_two_frames_in_one_chunk(self, reader, encode):
         first, second = encode(3, 1), encode(4, 1)
         found = reader().feed(first + second)
         assert [(frame.id, frame.end) for frame in found] == [(3, len(first)), (4, 2 * len(first))]
 
-    def test_reader_counts_junk_before_header(self, reader, encode):
+    def test_frame_reader_counts_junk_before_header(self, reader, encode):
         ears = reader()
         ears.feed(b"\x00\xff\x12" + encode(3, 1))
         assert ears.junk_bytes == 3
 
-    def test_reader_finds_frame_after_one_with_bad_checksum(self, reader, encode):
+    def test_frame_reader_finds_frame_after_one_with_bad_checksum(self, reader, encode):
         bad = bytearray(encode(3, 1))
         bad[-1] ^= 1
         ears = reader()
         assert [frame.id for frame in ears.feed(bytes(bad) + encode(4, 1))] == [4]
 
-    def test_reader_counts_bad_checksum(self, reader, encode):
+    def test_frame_reader_counts_bad_checksums(self, reader, encode):
         bad = bytearray(encode(3, 1))
         bad[-1] ^= 1
         ears = reader()
         ears.feed(bytes(bad) + encode(4, 1))
         assert ears.bad_checksums == 1
 
-    def test_reader_finds_frame_after_a_truncated_one(self, reader, encode):
+    def test_frame_reader_finds_frame_after_truncated_one(self, reader, encode):
         torn = encode(3, 3, bytes(20))[:12]
         ears = reader()
         found = ears.feed(torn + encode(4, 1) + encode(5, 1) + encode(6, 1) + encode(7, 1))
         assert found[-1].id == 7
 
-    def test_reader_forgets_unfinished_frame_after_reset(self, reader, encode):
+    def test_frame_reader_drops_unfinished_frame_at_reset(self, reader, encode):
         ears = reader()
         ears.feed(encode(3, 3, bytes(20))[:12])
         ears.reset()
         assert [frame.id for frame in ears.feed(encode(4, 1))] == [4]
 
     @given(noise=st.binary(max_size=60), cut=st.integers(0, 60))
-    def test_reader_survives_noise_and_reads_next_frame_after_reset(
-        self, reader, encode, noise, cut
-    ):
+    def test_frame_reader_reads_frame_after_noise_and_reset(self, reader, encode, noise, cut):
         ears = reader()
         ears.feed(noise[:cut])
         ears.feed(noise[cut:])

@@ -80,13 +80,13 @@ def throw_many(port, frames, seed, every):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_servo_survives_2000_random_frames(make_port, model):
+def test_simulated_servo_survives_2000_random_frames(make_port, model):
     throw_many(make_port(model), frames=2_000, seed=1, every=10)
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("model", MODELS)
-def test_servo_survives_150000_random_frames(make_port, model):
+def test_simulated_servo_survives_150000_random_frames(make_port, model):
     for seed in range(10):
         throw_many(make_port(model), frames=15_000, seed=seed, every=25)

@@ -28,7 +28,7 @@ def numbers(memory):
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("model", TABLES)
-def test_register_is_decoded_anew_after_memory_changes(way, model):
+def test_register_value_is_decoded_again_after_memory_change(way, model):
     memory = Memory(TABLES[model], {"id": 7})
     memory.write(0, b"\xa5" * memory.table.size)
     assert numbers(memory) == decoded(memory)
@@ -38,7 +38,7 @@ def test_register_is_decoded_anew_after_memory_changes(way, model):
     assert numbers(memory) == decoded(memory)
 
 
-def test_measured_register_is_fresh_for_firmware_and_reads(make_port):
+def test_measured_register_is_updated_before_each_access(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     assert servo.read("present_voltage") == servo.memory.get("present_voltage") != 30
@@ -47,6 +47,6 @@ def test_measured_register_is_fresh_for_firmware_and_reads(make_port):
 
 
 @pytest.mark.parametrize("model", TABLES)
-def test_no_two_registers_share_a_byte(model):
+def test_simulated_registers_do_not_overlap(model):
     table = TABLES[model]
     assert sum(row.size for row in table.registers) == sum(row is not None for row in table.by_byte)

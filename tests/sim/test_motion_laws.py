@@ -38,7 +38,7 @@ def trapezoid(time_s, travel, speed, acceleration):
 
 
 @pytest.mark.parametrize("model", PROFILES)
-def test_servo_reference_follows_trapezoid_within_1_percent(make_port, model):
+def test_servo_profile_follows_trapezoid_within_1_percent(make_port, model):
     registers, speed, acceleration = PROFILES[model]
     port = make_port(model)
     servo = port.line.servos[1]
@@ -70,7 +70,7 @@ def test_xl430_lags_profile_by_69_ticks_at_velocity_100(make_port):
     assert lag_at(make_port("XL430-W250"), 100) == pytest.approx(69, abs=14)
 
 
-def test_velocity_feed_forward_reduces_lag_by_its_register(make_port):
+def test_velocity_feed_forward_reduces_lag_by_register_value(make_port):
     without = lag_at(make_port("XL430-W250"), 100)
     some = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=500)
     more = lag_at(make_port("XL430-W250"), 100, feedforward_1st_gain=1000)
@@ -79,14 +79,14 @@ def test_velocity_feed_forward_reduces_lag_by_its_register(make_port):
 
 
 @pytest.mark.parametrize(("model", "divisor"), [("XL330-M288", 256), ("XL430-W250", 128)])
-def test_p_gain_gives_duty_by_divisor_of_model(make_port, model, divisor):
+def test_p_gain_is_scaled_by_divisor_of_servo_model(make_port, model, divisor):
     servo = make_port(model).line.servos[1]
     servo.write("position_p_gain", 640)
     assert servo.drive.kp == pytest.approx(640 / divisor * (4096 / (2 * math.pi)) / 885)
 
 
 @pytest.mark.parametrize("model", ["SCS0009", "AX-12A"])
-def test_servo_without_acceleration_moves_at_goal_speed(make_port, model):
+def test_servo_with_acceleration_zero_moves_at_goal_speed(make_port, model):
     port = make_port(model)
     servo = port.line.servos[1]
     name, value, ticks_s = {
@@ -103,7 +103,7 @@ def test_servo_without_acceleration_moves_at_goal_speed(make_port, model):
     assert gone == pytest.approx(0.5 * ticks_s, abs=0.01 * 500)
 
 
-def test_present_speed_agrees_with_positions(make_port):
+def test_present_speed_equals_derivative_of_position(make_port):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("torque_enable", 1)

@@ -85,7 +85,7 @@ def test_duty_limit_limits_blocked_torque(limit: str) -> None:
     assert motor.torque_nm == pytest.approx(0.2 * motor.parameters.duty_torque_nm)
 
 
-def test_current_limit_binds_in_position_mode() -> None:
+def test_current_limit_applies_in_position_mode() -> None:
     motor = blocked("XM430-W350")
     run(motor, DriveCommand(True, goal_rad=1.0, current_limit_a=0.5), 0.1)
     assert motor.current_a == pytest.approx(0.5)
@@ -100,7 +100,7 @@ def test_current_mode_holds_its_current_at_any_speed() -> None:
     assert motor.velocity_rad_s > 1.0
 
 
-def test_current_mode_with_zero_current_releases_shaft() -> None:
+def test_current_mode_with_zero_current_lets_shaft_turn_freely() -> None:
     motor = Motor(PARAMETERS["XM430-W350"])
     run(motor, DriveCommand(True, mode=ControlMode.CURRENT), 0.5, load_nm=0.5)
     assert motor.position_rad > 0.1
@@ -153,7 +153,7 @@ def test_free_shaft_coasts_to_rest() -> None:
     assert (motor.velocity_rad_s, motor.position_rad) == (0.0, rest_rad)
 
 
-def test_shorted_motor_stops_sooner_than_free_one() -> None:
+def test_shorted_motor_stops_sooner_than_open_circuit_motor() -> None:
     free, shorted = Motor(PARAMETERS["STS3215"]), Motor(PARAMETERS["STS3215"])
     for motor, drive in ((free, DriveCommand()), (shorted, pwm(0.0))):
         run(motor, pwm(0.5), 0.5)
@@ -163,7 +163,7 @@ def test_shorted_motor_stops_sooner_than_free_one() -> None:
     assert shorted.position_rad < 0.5 * free.position_rad
 
 
-def test_end_stop_holds_against_full_torque() -> None:
+def test_mechanical_end_stop_withstands_full_torque() -> None:
     motor = Motor(PARAMETERS["STS3215"], upper_stop_rad=0.3)
     run(motor, pwm(1.0), 1.0)
     assert motor.position_rad == 0.3
@@ -171,7 +171,7 @@ def test_end_stop_holds_against_full_torque() -> None:
     assert motor.torque_nm == pytest.approx(motor.parameters.stall_torque_nm)
 
 
-def test_shaft_leaves_its_end_stop() -> None:
+def test_motor_can_drive_shaft_off_its_end_stop() -> None:
     motor = Motor(PARAMETERS["STS3215"], lower_stop_rad=-0.3)
     run(motor, pwm(-1.0), 1.0)
     run(motor, DriveCommand(True, goal_rad=0.2), 1.0)
@@ -240,7 +240,7 @@ def test_holding_half_rated_load_settles_at_40_to_60_celsius() -> None:
     assert 40.0 < motor.temperature_c < 60.0
 
 
-def test_hot_servo_cools_to_room_temperature() -> None:
+def test_hot_servo_cools_down_to_room_temperature() -> None:
     motor = Motor(PARAMETERS["STS3215"], room_c=20.0)
     motor.heat.temperature_c = 70.0
     for _ in range(30000):

@@ -63,7 +63,9 @@ def test_timed_profile_ends_at_rest_at_goal(
 
 
 @given(distances, st.floats(0.01, 20.0), st.floats(0.0, 20.0))
-def test_timed_profile_takes_its_time(distance: float, total: float, ramp_s: float) -> None:
+def test_timed_profile_takes_requested_duration(
+    distance: float, total: float, ramp_s: float
+) -> None:
     pieces = timed(distance, 0.0, total, ramp_s)
     assert sum(piece.duration_s for piece in pieces) == pytest.approx(total)
 

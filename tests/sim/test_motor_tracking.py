@@ -126,7 +126,7 @@ def test_moving_flag_is_set_from_start_to_end_of_profile() -> None:
     assert not motor.moving
 
 
-def test_equal_motor_simulations_are_identical() -> None:
+def test_motor_simulation_is_deterministic() -> None:
     traces = []
     for _ in range(2):
         motor, supply_v = nominal("XL430-W250")
@@ -137,7 +137,7 @@ def test_equal_motor_simulations_are_identical() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_highest_gains_are_stable_at_1_ms_steps(model: str) -> None:
+def test_motor_simulation_is_stable_with_highest_gains(model: str) -> None:
     supply_v = PARAMETERS[model].nominal_v
     motor = Motor(replace(PARAMETERS[model], backlash_rad=0.0))  # play swings by itself
     full_duty_units, ticks_per_rad, largest = 885.0, 4096.0 / (2.0 * math.pi), 16383.0
@@ -195,7 +195,7 @@ def test_sag_without_friction_is_torque_over_stiffness(load_nm: float) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_dry_friction_changes_sag_by_no_more_than_itself(model: str) -> None:
+def test_dry_friction_changes_sag_by_at_most_its_torque(model: str) -> None:
     motor, supply_v = nominal(model)
     figures = motor.parameters
     drive, load_nm = DriveCommand(True, kp=5.3), -0.2 * figures.stall_torque_nm
@@ -211,7 +211,7 @@ def bound_nm(motor: MotorParameters, gear_nm: float) -> float:
     return motor.friction_nm + motor.stribeck_nm + load * abs(gear_nm)
 
 
-def test_held_load_has_hysteresis_of_dry_friction() -> None:
+def test_position_under_load_has_hysteresis_of_dry_friction() -> None:
     """The friction of a held load has hysteresis, because it grows with the load (K-Scale's logs).
 
     The load moves with the shaft as on the bench: it carries the shaft on before it sticks.
@@ -259,7 +259,7 @@ def test_startup_force_is_added_to_gain_output(error_rad: float, duty: float) ->
     assert motor.pwm == pytest.approx(duty)
 
 
-def test_goal_beyond_protected_error_gets_quarter_of_duty() -> None:
+def test_error_beyond_protection_limits_duty_to_a_quarter() -> None:
     motor, supply_v = nominal("STS3215")
     motor.stuck = True
     drive = DriveCommand(True, goal_rad=1.8, kp=0.2, protected_error_rad=1.7)
@@ -267,7 +267,7 @@ def test_goal_beyond_protected_error_gets_quarter_of_duty() -> None:
     assert motor.pwm == pytest.approx(0.2 * 1.8 / 4.0)
 
 
-def test_position_error_is_counted_in_whole_ticks() -> None:
+def test_servo_position_error_is_in_whole_ticks() -> None:
     motor, supply_v = nominal("STS3215")
     motor.stuck = True
     drive = DriveCommand(True, goal_rad=0.0026, tick_rad=0.001, kp=10.0)
@@ -275,7 +275,7 @@ def test_position_error_is_counted_in_whole_ticks() -> None:
     assert motor.pwm == pytest.approx(10.0 * 0.003)
 
 
-def test_goal_already_reached_does_not_start_profile() -> None:
+def test_goal_already_reached_starts_no_motion_profile() -> None:
     motor, supply_v = nominal("XL330-M288")
     motor.step(DT_S, 0.0, DriveCommand(True, profile_time_s=1.0, acceleration_time_s=0.2), supply_v)
     assert not motor.profile_running

@@ -31,7 +31,7 @@ class TestDynamixelX:
         assert servo.read("present_pwm") == pytest.approx(443, abs=2)
         assert 60 < servo.read("present_velocity") < 110
 
-    def test_x_current_mode_presses_with_goal_current(self, make_port):
+    def test_x_current_mode_applies_goal_current(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("operating_mode", 0)
@@ -92,14 +92,14 @@ class TestDynamixelX:
         servo.write("homing_offset", offset)
         assert servo.read("present_position") == seen
 
-    def test_reverse_mode_counts_in_other_direction(self, make_port):
+    def test_reverse_mode_servo_counts_in_other_direction(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 1)
         port.line.world.place("servo_1", 0.25 * TURN)
         assert servo.read("present_position") % 4096 == 1024
 
-    def test_reverse_mode_reaches_its_goal(self, make_port):
+    def test_reverse_mode_servo_reaches_its_goal(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 1)
@@ -108,7 +108,7 @@ class TestDynamixelX:
         run(port, 2)
         assert servo.read("present_position") == pytest.approx(2500, abs=8)
 
-    def test_x_time_based_profile_takes_its_time(self, make_port):
+    def test_x_time_based_profile_takes_requested_duration(self, make_port):
         port = make_port("XM430-W350")
         servo = port.line.servos[1]
         servo.write("drive_mode", 4)
@@ -142,7 +142,7 @@ class TestDynamixelX:
         servo.reboot()
         assert servo.drive.torque_on
 
-    def test_backup_restores_ram_at_boot(self, make_port):
+    def test_dynamixel_backup_restores_ram_at_boot(self, make_port):
         servo = make_port("XM430-W350").line.servos[1]
         servo.write("startup_configuration", 2)
         servo.write("profile_velocity", 77)
@@ -161,7 +161,7 @@ class TestFeetechSts:
         run(port, 1)
         assert servo.read("present_speed") == pytest.approx(-800, abs=25)
 
-    def test_sts_pwm_mode_drives_with_goal_time(self, make_port):
+    def test_sts_pwm_mode_takes_duty_from_goal_time_register(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("operating_mode", 2)
@@ -170,7 +170,7 @@ class TestFeetechSts:
         run(port, 1)
         assert servo.read("present_load") == pytest.approx(-500, abs=5)
 
-    def test_sts_step_mode_adds_goals(self, make_port):
+    def test_sts_step_mode_adds_successive_goals(self, make_port):
         port = make_port("STS3215")
         servo = port.line.servos[1]
         servo.write("operating_mode", 3)
@@ -188,7 +188,7 @@ class TestFeetechSts:
         run(port, 1)
         assert servo.read("present_position") == 2048
 
-    def test_goal_across_count_wrap_is_reached_the_long_way(self, make_port):
+    def test_sts_goal_across_wrap_around_is_reached_the_long_way(self, make_port):
         port = make_port("STS3215")
         port.line.world.place("servo_1", 1900 / 4096 * TURN)  # tick 3948
         servo = port.line.servos[1]
@@ -207,7 +207,7 @@ class TestFeetechSts:
         run(port, 4)
         assert servo.read("present_position") == pytest.approx(7000, abs=3)
 
-    def test_sts_drives_to_its_old_goal_at_torque_on(self, make_port):
+    def test_sts_servo_moves_to_old_goal_at_torque_on(self, make_port):
         port = make_port("STS3215")
         port.line.world.place("servo_1", 0.5)
         servo = port.line.servos[1]
@@ -228,7 +228,7 @@ class TestFeetechSts:
         assert before[1] > 800
         assert (servo.read("status"), servo.read("present_load")) == (0x20, 200)
 
-    def test_alarm_is_in_every_reply(self, make_port):
+    def test_servo_alarm_bit_is_set_in_every_reply(self, make_port):
         port = make_port("STS3215")
         port.line.servos[1].inject_alarm(0x20)
         port.write(bytes.fromhex("FFFF0104023802BE"))

@@ -23,13 +23,13 @@ def machine():
     return Machine()
 
 
-def test_paced_clock_waits_as_long_as_asked(machine):
+def test_paced_clock_waits_for_requested_time(machine):
     clock = PacedClock(machine=machine)
     clock.sleep_until(0.5)
     assert (clock.now_s(), machine.slept_s) == (0.5, 0.5)
 
 
-def test_paced_clock_saves_up_waits_below_1_ms(machine):
+def test_paced_clock_accumulates_waits_below_1_ms(machine):
     clock = PacedClock(machine=machine)
     for microseconds in range(100, 1600, 100):
         clock.sleep_until(microseconds * 1e-6)
@@ -37,7 +37,7 @@ def test_paced_clock_saves_up_waits_below_1_ms(machine):
 
 
 @pytest.mark.parametrize(("stall_s", "now_s"), [(0.015, 0.015), (0.03, 0.03), (2.0, 0.03)])
-def test_paced_clock_catches_up_by_20_ms_at_most(machine, stall_s, now_s):
+def test_paced_clock_catches_up_at_most_20_ms(machine, stall_s, now_s):
     clock = PacedClock(machine=machine)
     machine.time_s += stall_s
     clock.sleep_until(0.01)
@@ -47,7 +47,7 @@ def test_paced_clock_catches_up_by_20_ms_at_most(machine, stall_s, now_s):
     assert machine.slept_s == pytest.approx(1.0 - now_s)
 
 
-def test_paced_clock_reports_time_to_world(machine):
+def test_paced_clock_advances_simulated_time(machine):
     reported = []
     PacedClock(reported.append, machine).sleep_until(0.25)
     assert reported == [0.25]

@@ -40,7 +40,7 @@ def rotor_rad(motor: Motor) -> float:
     return motor.position_rad - motor.lash_rad
 
 
-def test_output_pushed_inside_backlash_leaves_rotor_at_rest() -> None:
+def test_output_pushed_within_backlash_leaves_rotor_at_rest() -> None:
     motor = loaded()
     for _ in range(30):
         motor.step(DT_S, 0.1, LIMP, 12.0)
@@ -48,7 +48,7 @@ def test_output_pushed_inside_backlash_leaves_rotor_at_rest() -> None:
     assert 0.0 < motor.position_rad < HALF_RAD
 
 
-def test_rotor_driven_inside_backlash_leaves_output_at_rest() -> None:
+def test_rotor_driven_within_backlash_leaves_output_at_rest() -> None:
     motor = loaded()
     for _ in range(20):
         motor.step(DT_S, 0.0, pwm(0.1), 12.0)
@@ -57,7 +57,7 @@ def test_rotor_driven_inside_backlash_leaves_output_at_rest() -> None:
 
 
 @pytest.mark.parametrize("load_nm", [1.0, -1.0])
-def test_load_rests_on_flank_that_it_presses_on(load_nm: float) -> None:
+def test_load_rests_on_gear_flank_that_it_presses(load_nm: float) -> None:
     motor = loaded()
     for _ in range(1000):
         motor.step(DT_S, load_nm, HOLDING, 12.0)
@@ -70,7 +70,7 @@ def test_load_rests_on_flank_that_it_presses_on(load_nm: float) -> None:
     ("inertia", "output_rad_s", "rotor_rad_s"),
     list(itertools.product([1e-5, 0.01, 0.3], [-3.0, 0.2, 3.0], [-2.0, 0.0, 2.5])),
 )
-def test_flank_collision_loses_energy_and_keeps_momentum(
+def test_gear_flank_impact_loses_energy_and_keeps_momentum(
     inertia: float, output_rad_s: float, rotor_rad_s: float
 ) -> None:
     motor = loaded(inertia, **dict.fromkeys(FRICTIONS, 0.0))
@@ -94,7 +94,7 @@ def test_flank_collision_loses_energy_and_keeps_momentum(
     assert motor.velocity_rad_s == pytest.approx(motor.rotor_rad_s)
 
 
-def test_rotor_and_output_on_flank_move_as_one_body() -> None:
+def test_rotor_and_output_in_contact_move_as_one_body() -> None:
     playing, one = loaded(), loaded(backlash_rad=0.0)
     playing.set_state(0.0, 0.0, -HALF_RAD, 0.0)
     for _ in range(300):
@@ -132,7 +132,7 @@ def swing_rad(output_nm: float, play_rad: float = 2.0 * HALF_RAD) -> float:
     return max(seen[-1000:]) - min(seen[-1000:])
 
 
-def test_hanging_load_swings_across_backlash_without_friction() -> None:
+def test_frictionless_hanging_load_swings_across_backlash() -> None:
     # Logs of STS3215: 1.2° in 14 of 15 steps at P = 32.
     assert math.degrees(swing_rad(0.0)) == pytest.approx(1.23, rel=0.3)
     assert swing_rad(0.03) < 1e-3
@@ -146,7 +146,7 @@ def parameters_of(query: str) -> list[object]:
     return [[s.motor.parameters for s in world.servos], mass, rails]
 
 
-def test_seeds_differ_and_missing_seed_means_nominal_values() -> None:
+def test_simulator_seed_varies_servos_and_no_seed_is_nominal() -> None:
     assert parameters_of("?seed=5") == parameters_of("?seed=5")
     assert parameters_of("?seed=5") != parameters_of("?seed=6")
     motors, _, rails = parameters_of("")
@@ -154,7 +154,7 @@ def test_seeds_differ_and_missing_seed_means_nominal_values() -> None:
     assert rails == {7.4: 7.4}
 
 
-def test_seeds_draw_from_whole_range_of_parameters() -> None:
+def test_simulator_seeds_cover_whole_range_of_parameters() -> None:
     members = [FamilyMember(seed) for seed in range(200)]
     for what, (low, high) in FAMILY.items():
         drawn = [member.drawn(what, "elbow") for member in members]
@@ -166,12 +166,12 @@ def test_seeds_draw_from_whole_range_of_parameters() -> None:
         assert own.output_viscous_nm_s < own.viscous_nm_s
 
 
-def test_given_backlash_applies_to_all_servos_of_any_seed() -> None:
+def test_given_backlash_applies_to_all_servos_with_any_seed() -> None:
     motors, *_ = parameters_of("?seed=5&backlash_deg=0.3")
     assert {motor.backlash_rad for motor in motors} == {math.radians(0.3)}
 
 
-def test_seed_decides_whether_d_gain_of_sts_servo_acts() -> None:
+def test_simulator_seed_decides_if_sts_d_gain_has_effect() -> None:
     for seed in range(20):
         port = open_port(f"sim:{CONFIGS}/so101/arm.toml?seed={seed}")
         acts = [servo.drive.kd > 0.0 for servo in port.line.world.servos]

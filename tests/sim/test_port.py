@@ -19,39 +19,39 @@ def test_transmission_time_follows_from_baud_rate(make_port):
     assert port.clock.now_s() == pytest.approx(12 * 10e-6, abs=5e-6)
 
 
-def test_reply_without_wire_time_is_available_at_once(make_port):
+def test_simulated_reply_without_delay_is_available_at_once(make_port):
     port = make_port("STS3215", wire_time=False)
     port.write(PING)
     port.read(6)
     assert port.clock.now_s() < 10e-6
 
 
-def test_read_without_reply_ends_at_its_time_out(make_port):
+def test_simulated_port_read_without_reply_ends_at_time_out(make_port):
     port = make_port("STS3215")
     assert (port.read(6), port.clock.now_s()) == (b"", 0.02)
 
 
-def test_read_returns_partial_data_at_its_time_out(make_port):
+def test_simulated_port_read_returns_partial_data_at_time_out(make_port):
     port = make_port("STS3215")
     port.write(PING)
     assert port.read(60) == bytes.fromhex("FFFF010200FC")
 
 
-def test_read_without_time_out_ends_when_no_reply_can_come(make_port):
+def test_simulated_port_read_ends_if_no_reply_can_arrive(make_port):
     port = make_port("STS3215")
     port.timeout = None
     port.write(PING)
     assert len(port.read(60)) == 6
 
 
-def test_read_with_time_out_zero_returns_at_once(make_port):
+def test_simulated_port_read_with_zero_time_out_returns(make_port):
     port = make_port("STS3215")
     port.timeout = 0
     port.write(PING)
     assert port.read(6) == b""
 
 
-def test_polling_in_waiting_advances_simulated_time(make_port):
+def test_polling_input_buffer_advances_simulated_time(make_port):
     port = make_port("STS3215")
     port.write(PING)
     polls = 0
@@ -60,7 +60,7 @@ def test_polling_in_waiting_advances_simulated_time(make_port):
     assert polls < 100
 
 
-def test_flush_waits_until_last_byte_has_left(make_port):
+def test_simulated_port_flush_waits_for_last_byte(make_port):
     port = make_port("STS3215")
     port.write(PING)
     port.flush()
@@ -82,7 +82,7 @@ def test_closed_port_refuses_read(make_port):
         port.read(1)
 
 
-def test_request_sent_during_reply_garbles_it(make_port):
+def test_request_sent_during_reply_corrupts_reply(make_port):
     port = make_port("STS3215", "STS3215")
     port.write(PING)
     port.clock.sleep_until(80e-6)
@@ -90,7 +90,7 @@ def test_request_sent_during_reply_garbles_it(make_port):
     assert bytes.fromhex("FFFF020200FB") not in port.read(64)
 
 
-def test_same_seed_gives_same_conversation(configs):
+def test_same_simulator_seed_gives_same_replies(configs):
     def talk():
         port = servosim.open_port(f"sim:{configs}/so101/arm.toml?seed=3")
         port.timeout = 0.01
@@ -101,7 +101,7 @@ def test_same_seed_gives_same_conversation(configs):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "px100", "vx300s"])
-def test_arm_starts_at_pose_of_address(configs, name):
+def test_simulated_arm_starts_at_pose_in_address(configs, name):
     path = configs / name / "arm.toml"
     port = servosim.open_port(f"sim:{path}?pose=home")
     arm = servosim.read_arm_file(path)
@@ -112,14 +112,14 @@ def test_arm_starts_at_pose_of_address(configs, name):
         assert port.line.servos[servo.id].read("present_position") == pytest.approx(tick, abs=1)
 
 
-def test_limp_arm_falls(configs):
+def test_simulated_limp_arm_falls(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     before = port.line.servos[3].read("present_position")
     port.clock.sleep_until(3.0)
     assert abs(port.line.servos[3].read("present_position") - before) > 200
 
 
-def test_two_servos_of_one_joint_turn_together(configs):
+def test_two_simulated_servos_of_one_joint_turn_together(configs):
     port = servosim.open_port(f"sim:{configs}/vx300s/arm.toml?pose=home")
     for servo in port.line.servos.values():
         servo.write("torque_enable", 1)
@@ -133,7 +133,7 @@ def test_two_servos_of_one_joint_turn_together(configs):
 
 
 @pytest.mark.parametrize(("query", "comes_on"), [("", True), ("?goal_keeps_torque=1", False)])
-def test_goal_keeps_torque_option_decides_torque_on(configs, query, comes_on):
+def test_goal_keeps_torque_option_decides_if_goal_enables_torque(configs, query, comes_on):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml{query}")
     servo = port.line.servos[1]
     servo.write("goal_position", servo.read("present_position"))
@@ -152,12 +152,12 @@ def test_invalid_backlash_option_is_refused(configs, play):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?backlash_deg={play}")
 
 
-def test_unknown_pose_is_refused_with_known_poses(configs):
+def test_unknown_simulator_pose_error_lists_known_poses(configs):
     with pytest.raises(ArmFileError, match=r"poses\.nowhere.*rest, home, zero"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=nowhere")
 
 
-def test_address_without_sim_prefix_is_refused():
+def test_simulator_address_without_sim_prefix_is_refused():
     with pytest.raises(SimulatorError, match="sim:/path"):
         servosim.open_port("/dev/ttyUSB0")
 
@@ -169,12 +169,12 @@ def test_address_without_sim_prefix_is_refused():
         ("colour=red", "has no option 'colour'; known: backlash_deg, board, cubes, echo"),
     ],
 )
-def test_invalid_address_option_is_refused(configs, query, message):
+def test_invalid_simulator_address_option_is_refused(configs, query, message):
     with pytest.raises(SimulatorError, match=message):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?{query}")
 
 
-def test_address_options_set_echo_and_faults(configs, tmp_path):
+def test_simulator_address_options_set_echo_and_faults(configs, tmp_path):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "silent"\nid = 1\ncount = 1\n')
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?echo=1&faults={faults}")

@@ -58,19 +58,19 @@ def received(bus, client, size):
     return data
 
 
-def test_pings_queued_before_server_runs_are_all_answered(bus, client):
+def test_pings_sent_before_simulator_runs_are_all_answered(bus, client):
     os.write(client, 20 * (PING_1 + PING_2))
     assert received(bus, client, 240) == 20 * (ANSWER_1 + ANSWER_2)
 
 
-def test_pings_during_replies_are_all_answered(bus, client):
+def test_pings_sent_during_simulated_replies_are_all_answered(bus, client):
     for _ in range(20):
         os.write(client, PING_1)
         bus.process_events()
     assert received(bus, client, 120) == 20 * ANSWER_1
 
 
-def test_read_queued_after_sync_read_is_answered_after_it(bus, client):
+def test_simulator_answers_read_queued_behind_sync_read(bus, client):
     sync_read = SYNC_READ + bytes([checksum(SYNC_READ[2:])])
     os.write(client, sync_read + PING_1)
     data = received(bus, client, 8 + 8 + 6)
@@ -78,7 +78,7 @@ def test_read_queued_after_sync_read_is_answered_after_it(bus, client):
     assert data.endswith(ANSWER_1)
 
 
-def test_server_stall_does_not_count_as_simulated_time(bus, client, hold_up):
+def test_simulated_time_hardly_advances_during_server_stall(bus, client, hold_up):
     world = bus.line.world
     bus.process_events()
     before_s = world.time_s

@@ -166,7 +166,7 @@ def test_falling_limp_arm_without_friction_conserves_energy(arm: str) -> None:
     assert max(errors_j) < 0.04 * max(kinetic_j)
 
 
-def test_two_servos_on_joint_share_load_and_motion() -> None:
+def test_two_simulated_servos_on_joint_share_load() -> None:
     limp = LimpArm("vx300s", [0.0, 0.5, 0.3, 0.0, 0.2, 0.0])
     limp.world.advance_to(0.05)
     shoulder = limp.world.joint("shoulder").servos

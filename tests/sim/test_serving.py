@@ -30,7 +30,7 @@ PING = bytes.fromhex("FFFF010201FB")
 
 
 class TestOptions:
-    def test_servo_option_takes_ids_and_model(self):
+    def test_sim_servo_option_accepts_ids_and_model(self):
         options = parse_options(["--servo", "1-3:xl430-w250", "--servo", "7,9:XL330-M288"])
         assert [(servo.id, servo.model) for servo in options.servos] == [
             (1, "XL430-W250"), (2, "XL430-W250"), (3, "XL430-W250"),
@@ -41,17 +41,17 @@ class TestOptions:
         ("name", "model"),
         [("ax-12", "AX-12A"), ("xl430", "XL430-W250"), ("sts3215", "STS3215")],
     )
-    def test_servo_option_takes_beginning_of_model_name(self, name, model):
+    def test_sim_servo_option_accepts_prefix_of_model_name(self, name, model):
         (servo,) = parse_options(["--servo", f"1:{name}"]).servos
         assert servo.model == model
 
     @pytest.mark.parametrize("name", ["xl330", "x", ""])
-    def test_servo_option_refuses_ambiguous_model_name(self, name, capsys):
+    def test_sim_servo_option_refuses_ambiguous_model_name(self, name, capsys):
         with pytest.raises(SystemExit):
             parse_options(["--servo", f"1:{name}"])
         assert f"no model {name!r}" in capsys.readouterr().err
 
-    def test_servo_option_takes_baud_rate_per_servo(self):
+    def test_sim_servo_option_accepts_baud_rate_per_servo(self):
         options = parse_options(["--servo", "1:sts3215@115200", "--servo", "1:sts3215"])
         world = make_bench_world(options.servos)
         assert [servo.baud for servo in world.servos] == [115_200, 1_000_000]
@@ -73,7 +73,7 @@ class TestOptions:
             (["--servo", "1:sts3215", "--pose", "rest"], "--pose is an option of an arm"),
         ],
     )
-    def test_invalid_options_exit_2_with_message(self, argv, message, capsys):
+    def test_invalid_sim_options_exit_2_with_message(self, argv, message, capsys):
         with pytest.raises(SystemExit) as ended:
             parse_options(argv)
         assert ended.value.code == 2
@@ -81,7 +81,7 @@ class TestOptions:
 
 
 class TestJournal:
-    def test_traffic_log_writes_time_direction_bytes_and_meaning(self, make_port, tmp_path):
+    def test_sim_traffic_log_has_time_direction_bytes_and_meaning(self, make_port, tmp_path):
         port = make_port("STS3215")
         journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
@@ -96,7 +96,7 @@ class TestJournal:
         ("instruction", "params"),
         [(0x8A, "84 00 04 00 01 02"), (0x9A, "01 84 00 04 00 02 84 00 04 00")],
     )
-    def test_traffic_log_writes_each_share_of_fast_read(
+    def test_sim_traffic_log_has_each_part_of_fast_sync_reply(
         self, make_port, tmp_path, instruction, params
     ):
         port = make_port("XL430-W250", "XL430-W250")
@@ -110,7 +110,7 @@ class TestJournal:
         assert first.endswith("status 1")
         assert second.endswith("status 2 error 0x80")
 
-    def test_traffic_log_names_collisions(self, make_port, tmp_path):
+    def test_sim_traffic_log_marks_bus_collisions(self, make_port, tmp_path):
         port = make_port("XL430-W250", "XL330-M288", ids=(1, 1))
         journal = TrafficLog(tmp_path / "log", port.line.world.servos)
         port.line.witnesses.append(journal)
@@ -121,7 +121,7 @@ class TestJournal:
 
 
 class TestAudit:
-    def test_audit_reports_goals_steps_distances_and_eeprom_writes(self, make_port):
+    def test_sim_audit_counts_goals_distances_and_eeprom_writes(self, make_port):
         port = make_port("STS3215")
         servo, audit = port.line.servos[1], Audit(port.line.world.servos)
         servo.write("lock", 0)
@@ -134,7 +134,7 @@ class TestAudit:
             "largest_goal_step": 700, "largest_goal_distance": 1152, "eeprom_writes": 1,
         }  # fmt: skip
 
-    def test_audit_counts_frames_bad_checksums_and_junk(self, make_port):
+    def test_sim_audit_counts_frames_bad_checksums_and_junk(self, make_port):
         port = make_port("STS3215")
         audit = Audit(port.line.world.servos)
         port.line.witnesses.append(audit)
@@ -145,7 +145,7 @@ class TestAudit:
         assert (report["frames"], report["replies"], report["bad_checksums"]) == (2, 2, 1)
         assert report["junk_bytes"] == 8
 
-    def test_audit_does_not_count_other_writes_as_goals(self, make_port):
+    def test_sim_audit_does_not_count_other_writes_as_goals(self, make_port):
         port = make_port("STS3215")
         audit = Audit(port.line.world.servos)
         port.line.servos[1].write("acceleration", 5)
@@ -156,42 +156,42 @@ class TestRemote:
     def ask(self, port, request):
         return RemoteControl(None, port.line).respond(json.dumps(request))
 
-    def test_state_command_reports_servos_and_joints(self, make_port):
+    def test_sim_state_command_reports_servos_and_joints(self, make_port):
         answer = self.ask(make_port("STS3215"), {"do": "state"})
         servo = answer["servos"][0]
         assert (servo["id"], servo["model"], servo["position"]) == (1, "STS3215", 2048)
         assert answer["joints"]["servo_1"]["position_deg"] == 0.0
 
-    def test_place_command_moves_joint(self, make_port):
+    def test_sim_place_command_moves_joint(self, make_port):
         port = make_port("STS3215")
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 90})
         assert port.line.servos[1].read("present_position") == 3072
 
-    def test_place_command_keeps_joint_inside_its_stops(self, make_port):
+    def test_sim_place_command_keeps_joint_inside_end_stops(self, make_port):
         port = make_port("SCS0009")
         self.ask(port, {"do": "place", "joint": "servo_1", "deg": 9000})
         assert port.line.world.joint("servo_1").position == pytest.approx(math.radians(150))
 
-    def test_hand_command_leads_joint_to_angle(self, make_port):
+    def test_sim_hand_command_moves_joint_to_angle(self, make_port):
         port = make_port("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
         port.clock.sleep_until(2)
         assert port.line.world.joint("servo_1").position == pytest.approx(math.pi / 4, abs=0.01)
 
-    def test_release_command_removes_hand(self, make_port):
+    def test_sim_release_command_removes_simulated_hand(self, make_port):
         port = make_port("STS3215")
         self.ask(port, {"do": "hand", "joint": "servo_1", "deg": 45})
         self.ask(port, {"do": "hand", "joint": "servo_1", "release": True})
         assert port.line.world.hands == {}
 
-    def test_fault_command_starts_at_once(self, make_port):
+    def test_sim_fault_command_starts_fault_at_once(self, make_port):
         port = make_port("STS3215")
         port.clock.sleep_until(1)
         self.ask(port, {"do": "fault", "fault": {"kind": "silent", "count": 1}})
         port.write(PING)
         assert port.read(6) == b""
 
-    def test_control_socket_disconnects_and_connects_servo(self, make_port):
+    def test_sim_control_socket_disconnects_and_connects_servo(self, make_port):
         port = make_port("STS3215")
         for do, answer in (("disconnect", b""), ("connect", bytes.fromhex("FFFF010200FC"))):
             assert self.ask(port, {"do": do, "servo": 1}) == {"ok": True}
@@ -208,7 +208,9 @@ class TestRemote:
             ({"do": "brownout", "for_s": 0.01}, "acceleration", 0),
         ],
     )
-    def test_control_request_changes_simulated_world(self, make_port, request_, register, value):
+    def test_sim_control_request_changes_simulated_world(
+        self, make_port, request_, register, value
+    ):
         port = make_port("STS3215")
         port.line.servos[1].write("acceleration", 9)
         assert self.ask(port, request_) == {"ok": True}
@@ -236,7 +238,7 @@ class TestRemote:
             ('{"do": "voltage", "volts": NaN}', "volts = nan is not between 0 and 60"),
         ],
     )
-    def test_control_socket_explains_invalid_request(self, make_port, text, error):
+    def test_sim_control_socket_explains_invalid_request(self, make_port, text, error):
         answer = RemoteControl(None, make_port("STS3215").line).respond(text)
         assert not answer["ok"]
         assert error in answer["error"]
@@ -273,7 +275,7 @@ def dynamixel(path, baud=1_000_000):
     return port
 
 
-def test_servos_without_arm_answer_at_factory_baud_rate(server):
+def test_simulated_new_servos_answer_at_factory_baud_rate(server):
     _, path = server("--servo", "1-2:xl430-w250", "--servo", "5:xl330-m288")
     port = dynamixel(path, 57_600)
     packets = dynamixel_sdk.PacketHandler(2.0)
@@ -282,7 +284,7 @@ def test_servos_without_arm_answer_at_factory_baud_rate(server):
     assert answers == [(1060, 0, 0), (1060, 0, 0), (1200, 0, 0)]
 
 
-def test_servos_without_arm_speak_protocol_1_on_request(server):
+def test_simulated_new_servos_use_protocol_1_on_request(server):
     _, path = server("--servo", "1:xl430-w250", "--baud", "1000000", "--protocol", "1")
     port = dynamixel(path)
     answer = first_reply(dynamixel_sdk.PacketHandler(1.0).ping, port, 1)
@@ -290,7 +292,7 @@ def test_servos_without_arm_speak_protocol_1_on_request(server):
     assert answer == (1060, 0, 0)
 
 
-def test_ax_and_mx_servos_talk_to_dynamixel_sdk(server):
+def test_dynamixel_sdk_controls_simulated_ax_and_mx_servos(server):
     _, path = server("--servo", "1:ax-12a", "--servo", "2:mx-28", "--baud", "1000000")
     port = dynamixel(path)
     packets = dynamixel_sdk.PacketHandler(1.0)
@@ -303,7 +305,7 @@ def test_ax_and_mx_servos_talk_to_dynamixel_sdk(server):
     assert (position, goal) == ((2048, 0, 0), (520, 0, 0))
 
 
-def test_scs_servos_talk_to_scservo_sdk(server):
+def test_scservo_sdk_controls_simulated_scs_servos(server):
     _, path = server("--servo", "1:scs0009")
     port = scservo_sdk.PortHandler(path)
     port.openPort()
@@ -315,7 +317,7 @@ def test_scs_servos_talk_to_scservo_sdk(server):
     assert answers == ((1284, 0, 0), (512, 0, 0))
 
 
-def test_arm_can_be_served_at_another_baud_rate(server, configs):
+def test_simulated_arm_can_be_served_at_another_baud_rate(server, configs):
     _, path = server(configs / "koch" / "arm.toml", "--baud", "57600")
     port = dynamixel(path, 57_600)
     answer = first_reply(dynamixel_sdk.PacketHandler(2.0).ping, port, 1)
@@ -323,7 +325,7 @@ def test_arm_can_be_served_at_another_baud_rate(server, configs):
     assert answer == (1060, 0, 0)
 
 
-def test_two_arms_are_served_at_once(server, configs):
+def test_two_simulated_arms_are_served_at_once(server, configs):
     paths = [server(configs / name / "arm.toml")[1] for name in ("koch", "px100")]
     packets = dynamixel_sdk.PacketHandler(2.0)
     ports = [dynamixel(path) for path in paths]
@@ -333,7 +335,7 @@ def test_two_arms_are_served_at_once(server, configs):
     assert answers == [(1060, 0, 0)] * 2
 
 
-def test_server_writes_log_and_audit_and_quits(server, configs, tmp_path):
+def test_sim_server_writes_log_and_audit_and_quits(server, configs, tmp_path):
     log, audit, control = (tmp_path / name for name in ("log", "audit", "control"))
     process, path = server(
         configs / "koch" / "arm.toml", "--log", log, "--audit", audit, "--control", control
@@ -350,7 +352,7 @@ def test_server_writes_log_and_audit_and_quits(server, configs, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
-def test_server_with_log_on_full_disk_exits_1_with_message():
+def test_sim_server_with_log_on_full_disk_exits_1():
     command = [sys.executable, "-c", SERVE, "--servo", "1:sts3215", "--log", "/dev/full"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     with serial.Serial(process.stdout.readline().strip(), 1_000_000) as port:
@@ -360,7 +362,7 @@ def test_server_with_log_on_full_disk_exits_1_with_message():
     assert process.returncode == 1
 
 
-def test_unwritable_audit_is_refused_at_start(configs, tmp_path):
+def test_unwritable_sim_audit_file_is_refused_at_start(configs, tmp_path):
     (tmp_path / "old").write_text("the old one")
     command = [sys.executable, "-c", SERVE, configs / "koch" / "arm.toml", "--audit"]
     done = subprocess.run(
@@ -375,7 +377,7 @@ def test_unwritable_audit_is_refused_at_start(configs, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signal_ends_server_cleanly_and_removes_link(server, tmp_path, number):
+def test_signal_ends_sim_server_and_removes_port_link(server, tmp_path, number):
     link = tmp_path / "arm"
     process, _ = server("--servo", "1:sts3215", "--link", link)
     assert link.is_symlink()
@@ -384,7 +386,7 @@ def test_signal_ends_server_cleanly_and_removes_link(server, tmp_path, number):
     assert not link.is_symlink()
 
 
-def test_unplug_and_replug_remove_and_restore_port(server, configs, tmp_path):
+def test_sim_unplug_and_replug_remove_and_restore_port(server, configs, tmp_path):
     link, control = tmp_path / "arm", tmp_path / "control"
     server(configs / "koch" / "arm.toml", "--link", link, "--control", control)
     port = dynamixel(str(link))
@@ -401,7 +403,7 @@ def test_unplug_and_replug_remove_and_restore_port(server, configs, tmp_path):
     assert answer == (1060, 0, 0)
 
 
-def test_missing_arm_file_exits_2_with_message(tmp_path):
+def test_missing_arm_file_of_sim_command_exits_2(tmp_path):
     command = [sys.executable, "-c", SERVE, str(tmp_path / "arm.toml")]
     result = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
     assert (result.returncode, result.stdout) == (2, "")
@@ -421,7 +423,7 @@ def test_missing_arm_file_exits_2_with_message(tmp_path):
         (["--latency-ms", "nan"], "the delay of an adapter is 0 to 1000 ms"),
     ],
 )
-def test_unusable_link_or_output_path_is_left_untouched(
+def test_unusable_sim_link_or_output_path_is_left_untouched(
     options, message, configs, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
@@ -433,12 +435,12 @@ def test_unusable_link_or_output_path_is_left_untouched(
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="takes permission")
-def test_server_has_higher_priority_if_permitted(server):
+def test_sim_server_has_higher_priority_if_permitted(server):
     process, _ = server("--servo", "1:sts3215")
     assert os.getpriority(os.PRIO_PROCESS, process.pid) < os.getpriority(os.PRIO_PROCESS, 0)
 
 
-def test_link_taken_over_by_another_server_stays(tmp_path):
+def test_sim_port_link_taken_over_by_another_server_stays(tmp_path):
     link, mine, other = (tmp_path / name for name in ("arm", "mine", "other"))
     point_link(link, mine)
     point_link(link, other)

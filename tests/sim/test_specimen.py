@@ -29,20 +29,20 @@ def inertias(specimen, q):
 Q = [0.1, -0.6, 0.5, 0.7, 0.2, 0.3]
 
 
-def test_mass_scale_applies_to_all_masses():
+def test_sim_mass_scale_option_applies_to_all_masses():
     plain = loads(None, Q)
     assert np.abs(plain).max() > 0.1
     assert loads(Specimen(mass_scale=1.3), Q) == pytest.approx(1.3 * plain)
     assert inertias(Specimen(mass_scale=1.3), Q) == pytest.approx(1.3 * inertias(None, Q))
 
 
-def test_jaw_has_mass_scale_of_its_body():
+def test_sim_mass_scale_option_also_applies_to_jaws():
     scaled = loads(Specimen(mass_scales={"wrist_flex": 1.4}), Q)
     assert scaled[3] == pytest.approx(1.4 * loads(None, Q)[3])
     assert scaled[5] == pytest.approx(1.4 * loads(None, Q)[5])
 
 
-def test_payload_load_equals_virtual_work_at_tip():
+def test_sim_payload_torque_equals_virtual_work_at_tip():
     """By the principle of virtual work: m g times the distance that the tip sinks."""
     world, step = make_arm_world(ARM), 1e-5
     added = loads(Specimen(payload_kg=0.2), Q) - loads(None, Q)
@@ -53,7 +53,7 @@ def test_payload_load_equals_virtual_work_at_tip():
         assert added[k] == pytest.approx(0.2 * 9.81 * sinks, abs=1e-4)
 
 
-def test_specimen_leaves_next_arm_unchanged():
+def test_sim_mass_scale_of_one_arm_does_not_affect_next_arm():
     plain = loads(None, Q)
     loads(Specimen(mass_scale=2.0, payload_kg=1.0), Q)
     assert loads(None, Q) == pytest.approx(plain)
@@ -62,12 +62,12 @@ def test_specimen_leaves_next_arm_unchanged():
 @pytest.mark.parametrize(
     "bad", [{"mass_scale": 0.0}, {"mass_scale": math.nan}, {"payload_kg": -1.0}, {"mass_scale": 99}]
 )
-def test_invalid_specimen_masses_are_refused(bad):
+def test_invalid_sim_masses_are_refused(bad):
     with pytest.raises(SimulatorError):
         Specimen(**bad)
 
 
-def test_mujoco_refuses_mass_scale():
+def test_sim_mass_scale_option_is_refused_with_mujoco():
     with pytest.raises(SimulatorError, match="URDF"):
         make_arm_world(ARM, physics=True, specimen=Specimen(mass_scale=1.1))
 
@@ -91,7 +91,7 @@ name = "elbow_flex"
 """
 
 
-def test_specimen_file_sets_motors_and_masses_of_arm(tmp_path):
+def test_sim_parameter_file_sets_motors_and_masses_of_arm(tmp_path):
     path = tmp_path / "one.toml"
     path.write_text(FILE)
     world = make_arm_world(ARM, specimen=read_specimen(path))
@@ -119,14 +119,14 @@ def test_specimen_file_sets_motors_and_masses_of_arm(tmp_path):
         "[[joints]]\nname = 'a'\nmass_scale = -1", "[[joints]]\nname = 'a'\nslow_rad_s = 'x'",
     ],
 )  # fmt: skip
-def test_invalid_specimen_file_is_refused(tmp_path, text):
+def test_invalid_sim_parameter_file_is_refused(tmp_path, text):
     path = tmp_path / "one.toml"
     path.write_text(text)
     with pytest.raises((ArmFileError, SimulatorError)):
         read_specimen(path)
 
 
-def test_specimen_options_of_port_and_server_agree(tmp_path):
+def test_sim_mass_options_of_port_and_server_agree(tmp_path):
     path = tmp_path / "one.toml"
     path.write_text(FILE)
     query = f"mass_scale=1.2&payload_g=80&parameters={path}"

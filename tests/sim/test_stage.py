@@ -47,7 +47,7 @@ def outline(camera, T):
 
 
 @pytest.mark.full
-def test_camera_sees_cubes_and_board_where_they_are():
+def test_simulated_camera_shows_cubes_and_board_in_place():
     port = open_port(CUBES)
     camera = open_camera(port)
     picture = camera.take()
@@ -62,7 +62,7 @@ def test_camera_sees_cubes_and_board_where_they_are():
 
 
 @pytest.mark.full
-def test_arm_in_front_of_board_hides_some_corners():
+def test_simulated_arm_in_front_of_board_hides_corners():
     world = open_port().line.world
     camera = SimulatedCamera(world, BOARD.opencv(), SimulatedView(aside_m=0.03))
     assert len(find_board(BOARD, camera.take()).ids) > 20
@@ -73,7 +73,7 @@ def test_arm_in_front_of_board_hides_some_corners():
 
 
 @pytest.mark.full
-def test_picture_follows_arm_and_table_stays():
+def test_simulated_picture_follows_moving_arm():
     port = open_port("board=0")
     camera = open_camera(port)
     before = camera.take().astype(int)
@@ -86,13 +86,13 @@ def test_picture_follows_arm_and_table_stays():
 @pytest.mark.sample(5)
 @pytest.mark.full
 @pytest.mark.parametrize("name", sorted(path.name for path in CONFIGS.iterdir() if path.is_dir()))
-def test_camera_draws_every_arm(name):
+def test_simulated_camera_draws_every_shipped_arm(name):
     camera = open_camera(open_port(name=name))
     assert camera.take().std() > 20.0
 
 
 @pytest.mark.full
-def test_camera_without_mujoco_shows_board_and_gives_hint(monkeypatch):
+def test_simulated_camera_without_mujoco_shows_only_board(monkeypatch):
     monkeypatch.setitem(sys.modules, "servosim.stage", None)
     camera = servosim.open_camera(open_port(), BOARD.opencv())
     assert "extra physics" in camera.hint
@@ -102,7 +102,7 @@ def test_camera_without_mujoco_shows_board_and_gives_hint(monkeypatch):
 
 
 @pytest.mark.full
-def test_camera_shows_board_if_mujoco_cannot_draw(monkeypatch):
+def test_simulated_camera_shows_board_if_mujoco_cannot_render(monkeypatch):
     stage = pytest.importorskip("servosim.stage")
 
     def fail(*_):
@@ -114,7 +114,7 @@ def test_camera_shows_board_if_mujoco_cannot_draw(monkeypatch):
     assert len(find_board(BOARD, camera.take()).ids) == 24
 
 
-def test_pushed_cube_moves_and_other_one_stays():
+def test_simulated_cube_moves_when_pushed_and_other_stays():
     world = open_port("physics=1&cubes=red@0.22,0.07;green@0.1,-0.2").line.world
     start = world.cube_poses()
     for end_s, point_m in ((1.0, (0.22, 0.0, 0.03)), (2.5, (0.22, 0.1, 0.03))):
@@ -139,6 +139,6 @@ def test_pushed_cube_moves_and_other_one_stays():
         ("board=off", "board=off is not a number"),
     ],
 )
-def test_invalid_cubes_option_is_refused(options, why):
+def test_invalid_sim_cubes_option_is_refused(options, why):
     with pytest.raises(SimulatorError, match=why):
         open_port(options)

@@ -34,7 +34,7 @@ def ask(port, **request):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_tip_position_equals_pinocchio(arm):
+def test_simulated_tip_position_equals_pinocchio(arm):
     world, chance = world_of(arm), np.random.default_rng(3)
     for _ in range(5):
         positions = chance.uniform(-1.0, 1.0, len(world.joints))
@@ -45,7 +45,7 @@ def test_tip_position_equals_pinocchio(arm):
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_posture_at_point_is_exact_and_inside_limits(arm):
+def test_sim_posture_at_point_is_exact_and_inside_limits(arm):
     world = world_of(arm)
     start = [joint.position for joint in world.joints]
     limits = np.array(list(world.limits.values()))
@@ -55,7 +55,7 @@ def test_posture_at_point_is_exact_and_inside_limits(arm):
     assert np.all((limits[:, 0] <= found) & (found <= limits[:, 1]))
 
 
-def test_posture_from_start_beyond_limit_is_inside():
+def test_sim_posture_from_start_beyond_limit_is_inside_limits():
     world = world_of("so101")
     start = [joint.position for joint in world.joints]
     start[4] = world.limits["wrist_roll"][1] + 0.03
@@ -63,7 +63,7 @@ def test_posture_from_start_beyond_limit_is_inside():
     assert found[4] == world.limits["wrist_roll"][1]
 
 
-def test_posture_is_found_from_start_at_limit():
+def test_sim_posture_is_found_from_start_at_limit():
     world = world_of("so101")
     start = [joint.position for joint in world.joints]
     start[1] = world.limits["shoulder_lift"][1]
@@ -71,14 +71,14 @@ def test_posture_is_found_from_start_at_limit():
     np.testing.assert_allclose(world.tip.position_m(found), POINT_M, atol=2e-5)
 
 
-def test_hands_lead_tip_of_limp_arm_to_point(port):
+def test_simulated_hands_move_tip_of_limp_arm_to_point(port):
     world = port.line.world
     world.lead_tip(POINT_M)
     port.clock.sleep_until(3.0)
     np.testing.assert_allclose(true_tip_m(world), POINT_M, atol=5e-4)
 
 
-def test_lead_tip_moves_all_joints_in_same_time(port):
+def test_simulated_hands_move_all_joints_in_same_time(port):
     world = port.line.world
     start = np.array([joint.position for joint in world.joints])
     world.lead_tip(POINT_M, speed=0.5)
@@ -89,14 +89,14 @@ def test_lead_tip_moves_all_joints_in_same_time(port):
     np.testing.assert_allclose(midway, start[:5] + ways / 2, atol=1e-9)
 
 
-def test_lead_tip_does_not_grasp_gripper(port):
+def test_simulated_hands_do_not_move_gripper_with_tip(port):
     port.line.world.lead_tip(POINT_M)
     assert set(port.line.world.hands) == {
         "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"
     }  # fmt: skip
 
 
-def test_lead_tip_holds_tip_that_is_already_there(port):
+def test_simulated_hands_hold_tip_already_at_point(port):
     world = port.line.world
     here_m = true_tip_m(world)
     world.lead_tip(here_m)
@@ -104,24 +104,24 @@ def test_lead_tip_holds_tip_that_is_already_there(port):
     np.testing.assert_allclose(true_tip_m(world), here_m, atol=5e-4)
 
 
-def test_lead_tip_refuses_point_out_of_reach(port):
+def test_simulated_hands_refuse_tip_point_out_of_reach(port):
     with pytest.raises(SimulatorError, match=r"cannot be moved to \(0.900, 0.000, 0.000\) m; it"):
         port.line.world.lead_tip((0.9, 0.0, 0.0))
     assert port.line.world.hands == {}
 
 
-def test_servos_without_arm_have_no_tip():
+def test_simulated_servos_without_arm_have_no_tip():
     with pytest.raises(SimulatorError, match="no arm with a tip"):
         make_bench_world([BenchServo(1, "STS3215")]).lead_tip(POINT_M)
 
 
-def test_unknown_tip_link_is_refused_with_known_links():
+def test_unknown_sim_tip_link_error_lists_known_links():
     arm = replace(read_arm_file(CONFIGS / "so101" / "arm.toml"), tip="beak")
     with pytest.raises(ArmFileError, match="no link 'beak'; has: base"):
         make_arm_world(arm)
 
 
-def test_control_socket_leads_tip_and_reports_its_position(port):
+def test_sim_control_socket_moves_tip_and_reports_position(port):
     assert ask(port, tip_m=POINT_M) == {"ok": True}
     port.clock.sleep_until(3.0)
     state = RemoteControl(None, port.line).respond('{"do": "state"}')
@@ -129,7 +129,7 @@ def test_control_socket_leads_tip_and_reports_its_position(port):
     np.testing.assert_allclose(state["tip_m"], POINT_M, atol=5e-4)
 
 
-def test_control_socket_releases_one_joint_or_all(port):
+def test_sim_control_socket_releases_one_joint_or_all(port):
     ask(port, tip_m=POINT_M)
     assert ask(port, joint="elbow_flex", release=True) == {"ok": True}
     assert "elbow_flex" not in port.line.world.hands
@@ -150,7 +150,7 @@ def test_control_socket_releases_one_joint_or_all(port):
         ({"tip_m": [0.9, 0.0, 0.0]}, "mm short"),
     ],
 )
-def test_control_socket_refuses_invalid_point(port, request_, error):
+def test_sim_control_socket_refuses_invalid_point(port, request_, error):
     answer = ask(port, **request_)
     assert answer["ok"] is False
     assert error in answer["error"]

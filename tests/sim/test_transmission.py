@@ -31,11 +31,11 @@ def test_crank_slope_equals_finite_difference():
     assert CRANK.slope(0.3) == pytest.approx(slope, rel=1e-6)
 
 
-def test_crank_position_out_of_reach_gives_dead_centre():
+def test_crank_position_out_of_range_gives_dead_centre():
     assert CRANK.horn_rad(1.0) == pytest.approx(math.radians(60))
 
 
-def test_ratio_without_gear_is_one():
+def test_transmission_ratio_without_gear_is_1():
     assert (Ratio().position(0.3), Ratio().horn_rad(0.3), Ratio().is_prismatic) == (
         0.3,
         0.3,
@@ -54,7 +54,7 @@ def arm_with(tmp_path, name, old, new):
 
 
 @pytest.mark.full
-def test_geared_joint_reaches_goal_and_horn_turns_further(tmp_path):
+def test_horn_of_geared_joint_turns_further_than_joint(tmp_path):
     path = arm_with(tmp_path, "planar2", "zero_tick = 2048 }", "zero_tick = 2048, gear = 1.5 }")
     with ikservo.open_arm(path, port="sim", collisions=False) as arm:
         arm.move_joints({"joint1": 0.6})
@@ -64,7 +64,7 @@ def test_geared_joint_reaches_goal_and_horn_turns_further(tmp_path):
         assert abs(ticks) * math.tau / 4096 == pytest.approx(1.5 * 0.6, abs=0.015)
 
 
-def test_prismatic_joint_with_crank_starts_in_pose_and_moves(tmp_path):
+def test_cranked_prismatic_joint_starts_in_pose_and_moves(tmp_path):
     path = arm_with(
         tmp_path, "open_manipulator_x", "m_per_turn = ",
         "crank = { radius_m = 0.02, rod_m = 0.05, zero_deg = 90.0 } #",

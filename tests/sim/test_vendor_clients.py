@@ -250,14 +250,14 @@ class TestDynamixelSdk:
 
 @pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_ends_server_cleanly(server, number):
+def test_signal_ends_simulator_server_cleanly(server, number):
     process, link = server("so101")
     process.send_signal(number)
     assert (process.wait(10), link.is_symlink()) == (0, False)
 
 
 @pytest.mark.full
-def test_closed_server_looks_like_unplugged_cable(server):
+def test_closed_sim_server_looks_like_unplugged_cable(server):
     process, link = server("so101")
     port = scservo_sdk.PortHandler(str(link))
     port.openPort()

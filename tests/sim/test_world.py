@@ -17,13 +17,13 @@ def run(port, seconds):
     port.clock.sleep_until(port.clock.now_s() + seconds)
 
 
-def test_world_at_rest_is_idle(make_port):
+def test_simulated_world_is_idle_when_all_servos_rest(make_port):
     port = make_port("STS3215")
     run(port, 0.1)
     assert port.line.world.is_idle
 
 
-def test_motor_crossing_its_backlash_reaches_its_goal(make_port):
+def test_simulated_motor_reaches_goal_across_backlash(make_port):
     port = make_port("STS3215")
     servo, goals = port.line.servos[1], random.Random(1)
     servo.write("torque_enable", 1)
@@ -36,20 +36,20 @@ def test_motor_crossing_its_backlash_reaches_its_goal(make_port):
         assert servo.read("moving") == 0
 
 
-def test_idle_world_keeps_time(make_port):
+def test_simulated_time_advances_in_idle_world(make_port):
     port = make_port("XL430-W250")
     run(port, 1.0)
     assert port.line.servos[1].read("realtime_tick") == 1000
 
 
-def test_register_write_wakes_idle_world(make_port):
+def test_register_write_wakes_idle_simulated_world(make_port):
     port = make_port("STS3215")
     run(port, 0.1)
     port.line.servos[1].write("torque_enable", 1)
     assert not port.line.world.is_idle
 
 
-def test_servo_holding_load_warms_in_idle_world(configs):
+def test_servo_holding_load_heats_up_in_idle_simulated_world(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     for servo in port.line.servos.values():
         servo.write("torque_enable", 1)
@@ -58,7 +58,7 @@ def test_servo_holding_load_warms_in_idle_world(configs):
     assert port.line.servos[3].motor.temperature_c > 25.1
 
 
-def test_scheduled_event_happens_on_time_in_idle_world(make_port):
+def test_scheduled_event_is_on_time_in_idle_simulated_world(make_port):
     port = make_port("STS3215")
     happened = []
     port.line.world.schedule(0.5, lambda: happened.append(port.line.world.time_s))
@@ -66,7 +66,7 @@ def test_scheduled_event_happens_on_time_in_idle_world(make_port):
     assert happened == [pytest.approx(0.5, abs=0.0011)]
 
 
-def test_hand_moves_joint_of_limp_arm(configs):
+def test_simulated_hand_moves_joint_of_limp_arm(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     world = port.line.world
     world.grasp("elbow_flex", Hand(hold(0.3), limit=5.0))
@@ -74,7 +74,7 @@ def test_hand_moves_joint_of_limp_arm(configs):
     assert world.joint("elbow_flex").position == pytest.approx(0.3, abs=0.01)
 
 
-def test_hand_cannot_overcome_stronger_servo(make_port):
+def test_simulated_hand_cannot_overcome_stronger_servo(make_port):
     port = make_port("STS3215")
     port.line.servos[1].write("torque_enable", 1)
     port.line.world.grasp("servo_1", Hand(hold(1.0), limit=0.5))
@@ -82,12 +82,12 @@ def test_hand_cannot_overcome_stronger_servo(make_port):
     assert abs(port.line.world.joint("servo_1").position) < 0.1
 
 
-def test_grasp_of_unknown_joint_is_refused_with_known_joints(make_port):
+def test_sim_hand_on_unknown_joint_error_lists_known_joints(make_port):
     with pytest.raises(SimulatorError, match="no joint is named 'knee'; known: servo_1"):
         make_port("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
 
 
-def test_sweeping_hands_move_every_joint_of_limp_arm_to_ends(configs):
+def test_simulated_hands_sweep_every_joint_of_limp_arm(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
     world = port.line.world
     seen = []
@@ -105,7 +105,7 @@ def map_ends(rows):
     ]
 
 
-def test_sweeping_hand_grasps_joint_once_torque_is_off(make_port):
+def test_simulated_hand_sweeps_joint_only_after_torque_off(make_port):
     port = make_port("STS3215")
     servo, world = port.line.servos[1], port.line.world
     servo.write("torque_enable", 1)
@@ -117,7 +117,7 @@ def test_sweeping_hand_grasps_joint_once_torque_is_off(make_port):
     assert abs(world.joint("servo_1").position) > 0.3
 
 
-def test_unknown_hand_option_is_refused(configs):
+def test_unknown_sim_hand_option_is_refused(configs):
     with pytest.raises(SimulatorError, match="sweep, calibrate"):
         servosim.open_port(f"sim:{configs}/so101/arm.toml?hand=wave")
 
@@ -136,7 +136,7 @@ def moved_by_hands(configs, joint, *spans_s):
 
 
 @pytest.mark.full
-def test_calibration_hands_hold_pose_and_show_direction_first(configs):
+def test_simulated_hands_hold_pose_then_show_joint_direction(configs):
     held, shown = moved_by_hands(configs, "wrist_flex", 8.0, 12.0)
     home, there = math.radians(60.0), math.radians(35.0)
     assert held == (pytest.approx(home, abs=0.01), pytest.approx(home, abs=0.01))
@@ -147,7 +147,7 @@ def test_calibration_hands_hold_pose_and_show_direction_first(configs):
 
 
 @pytest.mark.full
-def test_calibration_hands_restart_at_first_packet(configs):
+def test_simulated_calibration_hands_restart_at_first_packet(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     run(port, 26.0)
     wrist = port.line.world.joint("wrist_flex")
@@ -159,7 +159,7 @@ def test_calibration_hands_restart_at_first_packet(configs):
 
 
 @pytest.mark.campaign
-def test_calibration_hands_sweep_joint_with_torque_off(configs):
+def test_simulated_calibration_hands_sweep_limp_joint(configs):
     _, (low, high) = moved_by_hands(configs, "shoulder_pan", 20.0, 8.0)
     assert (low, high) == (pytest.approx(-1.92, abs=0.08), pytest.approx(1.92, abs=0.08))
 
@@ -173,7 +173,7 @@ def test_mujoco_world_has_same_joint_limits(configs):
     )
 
 
-def test_calibration_hands_release_joint_with_torque_on(configs):
+def test_simulated_calibration_hands_release_joint_at_torque_on(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
     CalibrationHands(port.line.world)
     port.line.servos[1].write("torque_enable", 1)
@@ -181,7 +181,7 @@ def test_calibration_hands_release_joint_with_torque_on(configs):
     assert "shoulder_pan" not in port.line.world.hands
 
 
-def test_servos_of_one_arm_differ_by_seed(configs):
+def test_simulated_servos_of_one_arm_differ_by_seed(configs):
     def frictions(seed):
         port = servosim.open_port(f"sim:{configs}/so101/arm.toml?seed={seed}")
         return [servo.motor.parameters.friction_nm for servo in port.line.world.servos]
@@ -211,14 +211,14 @@ def test_supply_voltage_without_servo_variant_is_refused(configs, tmp_path):
         servosim.open_port(f"sim:{file}")
 
 
-def test_koch_servos_have_two_supply_voltages(configs):
+def test_simulated_koch_servos_have_two_supply_voltages(configs):
     port = servosim.open_port(f"sim:{configs}/koch/arm.toml")
     run(port, 0.1)
     volts = [port.line.servos[k].read("present_input_voltage") for k in (1, 6)]
     assert volts == [120, 50]
 
 
-def test_arm_in_mujoco_reaches_its_goal(configs):
+def test_arm_simulated_in_mujoco_reaches_its_goal(configs):
     pytest.importorskip("mujoco")
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&physics=1")
     for servo in port.line.servos.values():
@@ -238,7 +238,7 @@ def test_limp_arm_in_mujoco_comes_to_rest_on_floor(configs):
     assert math.isclose(speed, 0.0, abs_tol=0.05)
 
 
-def test_limp_arm_in_mujoco_becomes_idle(configs):
+def test_mujoco_world_of_limp_arm_becomes_idle(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?physics=1")
     port.clock.sleep_until(0.05)
     assert not port.line.world.is_idle
@@ -246,7 +246,7 @@ def test_limp_arm_in_mujoco_becomes_idle(configs):
     assert port.line.world.is_idle
 
 
-def test_joint_with_torque_off_is_not_thrown_out_of_contact(configs):
+def test_limp_joint_is_not_thrown_out_of_simulated_contact(configs):
     """A Koch arm stands in the table; only its shoulder, which can hardly lift it out, is limp."""
     port = servosim.open_port(f"sim:{configs}/koch/arm.toml?pose=home")
     world, run_s = port.line.world, 0.2

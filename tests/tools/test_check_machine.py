@@ -14,18 +14,18 @@ def headers(tmp_path):
 
 
 @pytest.mark.parametrize("machine", ["Linux aarch64", "Linux armv7l"])
-def test_raspberry_pi_without_compiler_names_packages(machine, headers):
+def test_machine_check_on_pi_names_missing_compiler_packages(machine, headers):
     assert missing_text(machine, None, headers).endswith(ADVICE)
 
 
-def test_raspberry_pi_without_headers_names_packages(tmp_path):
+def test_machine_check_on_pi_names_missing_header_packages(tmp_path):
     assert missing_text("Linux aarch64", "/usr/bin/c++", tmp_path).endswith(ADVICE)
 
 
-def test_raspberry_pi_with_compiler_and_headers_misses_nothing(headers):
+def test_machine_check_passes_on_pi_with_compiler_and_headers(headers):
     assert missing_text("Linux aarch64", "/usr/bin/c++", headers) == ""
 
 
 @pytest.mark.parametrize("machine", ["Linux x86_64", "Darwin arm64", "Windows ARM64"])
-def test_machine_with_wheel_does_not_need_compiler(machine, tmp_path):
+def test_machine_check_with_wheel_needs_no_compiler(machine, tmp_path):
     assert missing_text(machine, None, tmp_path) == ""

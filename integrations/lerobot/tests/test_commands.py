@@ -53,7 +53,7 @@ def test_lerobot_calibrate_runs_ikservo_and_writes_lerobot_file(tmp_path):
         "id", "drive_mode", "homing_offset", "range_min", "range_max"}  # fmt: skip
 
 
-def test_the_gamepad_drives_the_tip(follower, tmp_path):
+def test_lerobot_gamepad_moves_tip(follower, tmp_path):
     before = follower.tip_m()
     run(
         tmp_path, "lerobot-teleoperate", *robot(follower, "--robot.action=ee_delta"),
@@ -89,7 +89,7 @@ with keys.pressed(Key.shift_r):
 """
 
 
-def test_the_keyboard_drives_the_tip(follower, tmp_path, display):
+def test_lerobot_keyboard_moves_tip(follower, tmp_path, display):
     before = follower.tip_m()
     command = start(
         tmp_path, "lerobot-teleoperate", *robot(follower, "--robot.action=ee_delta"),
@@ -142,9 +142,7 @@ def tips_of(folder, episode):
     return np.array([kinematics.forward_kinematics(row)[:3, 3] for row in rows])
 
 
-def test_three_episodes_are_recorded_and_replayed_within_two_millimetres(
-    recorded, follower, tmp_path
-):
+def test_lerobot_replays_three_recorded_episodes_within_2_mm(recorded, follower, tmp_path):
     info = json.loads((recorded / "meta" / "info.json").read_text())
     assert info["total_episodes"] == 3
     for episode in range(3):
@@ -202,7 +200,7 @@ print(json.dumps({"late": late, "load": os.getloadavg()[0], "processor_s": proce
 
 
 @pytest.mark.parametrize("mode", ["joint", "ee"])
-def test_lerobot_frame_takes_a_third_of_its_time_at_most(follower, mode):
+def test_lerobot_frame_uses_at_most_a_third_of_its_period(follower, mode):
     words = [os.sys.executable, "-c", WORK, str(follower.port), mode]
     done = subprocess.run(words, check=True, capture_output=True, text=True)
     report = json.loads(done.stdout)
@@ -212,7 +210,7 @@ def test_lerobot_frame_takes_a_third_of_its_time_at_most(follower, mode):
     assert work_ms[1] < 33.3 / 3
 
 
-def test_a_killed_recording_leaves_the_arm_holding_within_sixty_ticks(follower, leader, tmp_path):
+def test_killed_lerobot_recording_leaves_arm_holding(follower, leader, tmp_path):
     command = start(
         tmp_path, "lerobot-record", *robot(follower), *leading(leader),
         "--dataset.repo_id=me/kill", f"--dataset.root={tmp_path / 'kill'}",

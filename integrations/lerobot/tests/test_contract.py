@@ -28,7 +28,7 @@ def described(module, name):
 
 
 @pytest.mark.parametrize(("module", "name"), NAMES)
-def test_stubs_have_the_abstract_members_of_lerobot(module, name):
+def test_lerobot_type_stubs_have_its_abstract_members(module, name):
     real = getattr(importlib.import_module(module), name)
     ours = described(module, name)
     assert real.__abstractmethods__ == ours.__abstractmethods__
@@ -41,7 +41,7 @@ def test_stubs_have_the_abstract_members_of_lerobot(module, name):
             )
 
 
-def test_lerobot_finds_all_three_types_by_the_name_of_the_distribution():
+def test_lerobot_finds_all_plugin_types_by_distribution_name():
     from lerobot.robots import RobotConfig
     from lerobot.teleoperators import TeleoperatorConfig
     from lerobot.utils.import_utils import register_third_party_plugins
@@ -51,7 +51,7 @@ def test_lerobot_finds_all_three_types_by_the_name_of_the_distribution():
     assert {"ikservo_leader", "ikservo_page"} <= TeleoperatorConfig.get_known_choices().keys()
 
 
-def test_lerobot_factories_make_robot_leader_and_page():
+def test_lerobot_factories_make_robot_and_both_teleoperators():
     from lerobot.robots import make_robot_from_config
     from lerobot.teleoperators import make_teleoperator_from_config
 

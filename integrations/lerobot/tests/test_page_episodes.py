@@ -20,6 +20,7 @@ from ikservo.apps.teaching.lerobot_values import JointValues
 
 ARMS = ("so101", "koch", "omx_f", "wx250s")
 CIRCLE_M, LAP_S, LAPS = 0.03, 4.0, 2
+RAISE_M = 0.04  # away from contacts of the pose in which the arm begins
 RATE_HZ = 60.0
 NEAR_M = 2e-3
 
@@ -50,12 +51,18 @@ class Hand:
             self.look()
             time.sleep(0.02)
 
+    def raise_tip(self, clutch):
+        self.move([[0.0, 0.0, RAISE_M * k / RATE_HZ] for k in range(int(RATE_HZ))], clutch)
+
     def draw_circles(self, clutch):
-        """Move the hand in a vertical circle, at 60 poses per second."""
+        angles = 2 * np.pi * np.arange(RATE_HZ * LAP_S * LAPS) / (RATE_HZ * LAP_S)
+        circle = np.stack([0.0 * angles, np.sin(angles), 1.0 - np.cos(angles)], axis=1)
+        self.move(CIRCLE_M * circle, clutch)
+
+    def move(self, shifts_m, clutch):
+        """Hold the clutch and move the hand through displacements (k, 3), 60 per second."""
         start_s = time.monotonic()
-        for step in range(int(RATE_HZ * LAP_S * LAPS)):
-            angle = 2 * np.pi * step / (RATE_HZ * LAP_S)
-            shift_m = CIRCLE_M * np.array([0.0, np.sin(angle), 1.0 - np.cos(angle)])
+        for step, shift_m in enumerate(np.asarray(shifts_m)):
             self.send(kind="track_hand", position=shift_m.tolist(), rotation=[1.0, 0.0, 0.0, 0.0],
                       held=True, clutch=clutch)  # fmt: skip
             self.send(kind="heartbeat", visible=True)
@@ -77,9 +84,10 @@ def record_circles(name, folder, episodes):
         hand.send(kind="set_live", on=True)
         hand.until(lambda: arm.arm_thread.snapshot.reference is not None)
         hand.until(lambda: arm.video.is_fresh)
+        hand.raise_tip(1)
         for number in range(episodes):
             hand.send(kind="record_episode", action="begin")
-            hand.draw_circles(number + 1)
+            hand.draw_circles(number + 2)
             hand.send(kind="record_episode", action="save")
             hand.until(lambda n=number: hand.episode.get("episodes") == n + 1)
     return folder
@@ -98,11 +106,12 @@ def test_episode_of_the_page_is_read_and_replayed_by_lerobot(name, tmp_path):
     at = [values.names.index(joint) for joint in model.chain.names]
     positions = values.rows_to_positions(dataset.episodes[1].values)
     wanted = np.array([model.chain.forward(row[at])[:3, 3] for row in positions])
-    assert np.ptp(wanted, axis=0).max() > 0.05
+    assert np.ptp(wanted, axis=0).max() > 1.5 * CIRCLE_M
     options = ["--pose", "home"]
     with served(tmp_path, "follower", *options, model=name) as follower:
         with ikservo.open_arm(name, port=str(follower.port)) as arm:
-            arm.pose("home")  # where the episode began
+            arm.pose("home")
+            arm.move_joints(positions[0])
         with Watch(follower) as watch:
             run(tmp_path, "lerobot-replay", "--robot.type=ikservo", f"--robot.arm={name}",
                 f"--robot.port={follower.port}", "--robot.id=black",

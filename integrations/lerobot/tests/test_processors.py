@@ -45,7 +45,7 @@ def pipeline():
     )
 
 
-def test_lerobot_processors_without_placo_bring_tip_to_target(pipeline, monkeypatch):
+def test_lerobot_processors_reach_target_without_placo(pipeline, monkeypatch):
     imported = builtins.__import__
 
     def without_placo(name, *args, **kwargs):

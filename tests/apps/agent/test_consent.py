@@ -81,7 +81,7 @@ def test_motion_waits_for_consent_of_a_person(asking):
     assert session.has_moved
 
 
-def test_refused_plan_never_moves(asking):
+def test_plan_refused_by_user_is_never_executed(asking):
     session, page = asking
     plan = session.plan(move_to={"position_m": NEAR})
     with executing(session, plan) as results:
@@ -92,7 +92,7 @@ def test_refused_plan_never_moves(asking):
     assert not session.has_moved
 
 
-def test_unanswered_plan_can_be_executed_later(asking, monkeypatch):
+def test_plan_without_answer_can_be_approved_later(asking, monkeypatch):
     session, page = asking
     monkeypatch.setattr("ikservo.apps.agent.mcp_server._CONSENT_WAIT_S", 0.2)
     plan = session.plan(move_to={"position_m": NEAR})
@@ -103,7 +103,7 @@ def test_unanswered_plan_can_be_executed_later(asking, monkeypatch):
     assert session.call("execute", plan_id=plan)["status"] == "done"
 
 
-def test_page_refuses_wrong_key_host_and_origin(asking):
+def test_consent_page_refuses_wrong_key_host_and_origin(asking):
     _, page = asking
     assert page.status("plans") == 200
     assert page.status("plans", authorization="Bearer x") == 401
@@ -124,7 +124,7 @@ def test_consent_page_stops_arm_and_acknowledges_the_stop(asking):
     assert session.agent.arm.stop_reason is None
 
 
-def test_terminal_asks_for_each_plan_and_ends_with_server(open_session, monkeypatch, capsys):
+def test_consent_terminal_asks_per_plan_and_ends_with_server(open_session, monkeypatch, capsys):
     with open_session(consent=Consent.ASK) as session:
         plan = session.plan(move_to={"position_m": NEAR})
         with consent_server(session.agent):
@@ -149,7 +149,7 @@ def test_terminal_asks_for_each_plan_and_ends_with_server(open_session, monkeypa
         answer_in_terminal()
 
 
-def test_consent_mode_nothing_refuses_motions_without_asking(open_session):
+def test_consent_mode_nothing_refuses_every_agent_motion(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         plan = session.plan(move_to={"position_m": NEAR})
         assert "does not allow any motion" in session.call("execute", plan_id=plan)
@@ -164,12 +164,12 @@ def test_consent_mode_nothing_refuses_motions_without_asking(open_session):
         (Allowance(Consent.SLOW), ZeroSource.CALIBRATED),
     ],
 )
-def test_allowance_unsuitable_for_calibration_state_is_refused(allowance, zeros):
+def test_consent_option_unsuitable_for_calibration_is_refused(allowance, zeros):
     with pytest.raises(InputError):
         allowance.check(zeros)
 
 
-def test_plan_expires_and_oldest_is_forgotten():
+def test_agent_plans_expire_and_oldest_is_dropped_when_full():
     clock = VirtualClock()
     store = PlanStore(clock)
     first = store.offer(OfferedPlan([Wait(1.0)], None, ["wait"]))
@@ -182,7 +182,7 @@ def test_plan_expires_and_oldest_is_forgotten():
         store.find(first.id)
 
 
-def test_terminal_reports_server_that_has_ended(monkeypatch):
+def test_consent_terminal_reports_that_server_has_ended(monkeypatch):
     monkeypatch.setattr(consent_terminal, "stored_address", lambda: "http://127.0.0.1:9/#key")
     with pytest.raises(IkservoError, match="has disconnected"):
         answer_in_terminal()
@@ -198,7 +198,7 @@ def test_plan_refusal_withdraws_earlier_consent():
         store.take(plan.id)
 
 
-def test_server_that_ends_keeps_address_of_newer_server(open_session):
+def test_ending_server_does_not_remove_address_of_newer_one(open_session):
     with open_session() as session, consent_server(session.agent):
         with consent_server(session.agent) as later:
             pass
@@ -207,7 +207,7 @@ def test_server_that_ends_keeps_address_of_newer_server(open_session):
         assert stored_address() == "of another" != later
 
 
-def test_motion_after_the_allowed_minutes_is_refused(open_session):
+def test_motion_after_end_of_allowed_time_needs_consent_again(open_session):
     region = PathConstraint(low_m=(-0.5, -0.4, 0.0), high_m=(0.5, 0.4, 0.5))
     with open_session(consent=Consent.SLOW, within=region, minutes=0.001) as session:
         plan = session.plan(wait={"duration_s": 0.1})
@@ -219,7 +219,7 @@ def test_motion_after_the_allowed_minutes_is_refused(open_session):
         assert later["needs_consent"]
 
 
-def test_motion_withdraws_consent_requests_of_other_plans(open_session):
+def test_executed_motion_withdraws_other_consent_requests(open_session):
     with open_session(consent=Consent.ASK) as session:
         agent = session.agent
         first, second = (session.plan(move_to={"position_m": NEAR}) for _ in range(2))

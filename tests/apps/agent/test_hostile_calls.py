@@ -120,7 +120,7 @@ def limited(seed, count, without=()):
 
 
 @pytest.mark.full
-def test_random_calls_without_consent_move_nothing(open_session):
+def test_random_agent_calls_without_consent_move_nothing(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         assert run_calls(session, limited(1, 150)) == []
         assert session.audit.goals == []
@@ -128,7 +128,7 @@ def test_random_calls_without_consent_move_nothing(open_session):
 
 
 @pytest.mark.full
-def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
+def test_random_agent_calls_stay_inside_limits_and_region(open_session):
     region = PathConstraint(low_m=(-0.5, -0.3, 0.02), high_m=(0.5, 0.3, 0.5))
     with open_session(consent=Consent.SLOW, within=region, motions=5) as session:
         assert run_calls(session, limited(2, 40, ("execute", "gripper"))) == []
@@ -142,7 +142,7 @@ def test_random_calls_with_consent_stay_inside_limits_and_region(open_session):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_agent_survives_10000_hostile_calls(open_session, name):
+def test_agent_server_survives_10000_hostile_calls(open_session, name):
     with open_session(name, consent=Consent.SIMULATOR) as session:
         run_calls(session, limited(3, 200))
         tracemalloc.start()
@@ -180,7 +180,7 @@ def eager(seed, count):
     "count",
     [pytest.param(60, marks=pytest.mark.full), pytest.param(3000, marks=pytest.mark.campaign)],
 )
-def test_hostile_calls_stay_in_region_and_budget_at_true_joints(open_session, monkeypatch, count):
+def test_hostile_agent_calls_stay_in_region_and_motion_budget(open_session, monkeypatch, count):
     monkeypatch.setattr(mcp_server, "_CONSENT_WAIT_S", 0.02)  # nobody answers
     region = PathConstraint(low_m=(-0.5, -0.15, 0.03), high_m=(0.5, 0.15, 0.5))
     budget = count // 10
@@ -206,7 +206,7 @@ def test_hostile_calls_stay_in_region_and_budget_at_true_joints(open_session, mo
 
 
 @pytest.mark.campaign
-def test_hostile_calls_without_consent_move_nothing(open_session):
+def test_hostile_agent_calls_without_consent_move_nothing(open_session):
     with open_session(consent=Consent.NOTHING) as session:
         assert run_calls(session, limited(5, 3000)) == []
         assert session.audit.goals == []
@@ -229,7 +229,7 @@ def test_agent_speed_out_of_range_is_refused_or_limited(simulated):
     assert not simulated.has_moved
 
 
-def test_flood_of_calls_is_refused_but_stop_is_not(simulated):
+def test_flood_of_agent_calls_is_refused_but_stop_is_obeyed(simulated):
     async def flood(client):
         answers = []
 
@@ -264,13 +264,13 @@ def test_cancelled_agent_call_stops_the_arm(open_session):
         assert 0.02 < abs(session.agent.arm.where().positions["shoulder_pan"]) < 1.4
 
 
-def test_names_and_texts_of_agent_are_quoted_as_data(simulated):
+def test_control_characters_in_agent_names_are_escaped(simulated):
     place = {"center_m": [0.1, 0.3, 0.1], "radius_m": 0.02}
     added = simulated.call("scene_add", kind="sphere", name=INJECTION[:40], **place)
     assert "\x1b" not in json.dumps(added, ensure_ascii=False)
 
 
-def test_disk_error_does_not_hide_other_errors(simulated, monkeypatch):
+def test_journal_disk_error_does_not_hide_planning_error(simulated, monkeypatch):
     def full(*_, **__):
         raise IkservoError("no space")
 
@@ -278,7 +278,7 @@ def test_disk_error_does_not_hide_other_errors(simulated, monkeypatch):
     assert "cannot be reached" in simulated.plan(move_to={"position_m": [1.5, 0.0, 0.1]})
 
 
-def test_where_and_stop_answer_while_the_arm_moves(open_session):
+def test_where_and_stop_tools_answer_while_arm_moves(open_session):
     with open_session(port="sim:?pose=home&paced=1") as session:
         session.agent.arm.enable()
         far = session.plan(move_joints={"positions": {"shoulder_pan": 1.5}, "speed": "slow"})

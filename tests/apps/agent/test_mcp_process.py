@@ -144,13 +144,13 @@ def test_arm_brakes_when_the_agent_stalls(start):
     assert "has not answered" in result["content"][0]["text"]
 
 
-def test_agent_moves_nothing_by_default(start):
+def test_agent_cannot_move_arm_by_default(start):
     server = start()
     plan = server.call("plan", motion=FAR)["structuredContent"]["plan_id"]
     assert "does not allow any motion" in server.call("execute", plan_id=plan)["content"][0]["text"]
 
 
-def test_damaged_messages_do_not_end_the_server(start):
+def test_agent_server_survives_malformed_messages(start):
     server = start("--allow", "simulator")
     for line in ("", "{", "[1]", '{"jsonrpc": "2.0"}', "\x00", "é" * 100_000, "[" * 10_000):
         server.process.stdin.write(line + "\n")
@@ -170,7 +170,7 @@ def https_of(server):
     return *found.groups(), trusting
 
 
-def test_https_needs_key_host_and_origin(start):
+def test_mcp_over_https_requires_key_host_and_origin(start):
     server = start("--http-port", "0", port="sim:?pose=home", connect=False)
     address, key, trusting = https_of(server)
 

@@ -23,7 +23,7 @@ def red_pixel(png):
 
 
 @pytest.mark.campaign
-def test_scripted_agent_lifts_cube_with_tools_alone(open_session, run_cli):
+def test_scripted_agent_lifts_cube_using_only_mcp_tools(open_session, run_cli):
     pytest.importorskip("cv2")
     pytest.importorskip("mujoco")
     words = "calibrate so101 --camera sim --port sim:?pose=home --pictures 14 --yes --json"

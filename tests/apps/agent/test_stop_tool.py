@@ -31,7 +31,7 @@ def test_stop_tool_ends_motion_within_300_ms(open_session, after_s):
 
 
 @pytest.mark.parametrize("reason", [None, 7, "x" * 100_000, ["a"], {"b": 1}])
-def test_stop_latches_with_any_value_as_reason(simulated, reason):
+def test_stop_tool_latches_with_any_value_as_reason(simulated, reason):
     plan = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.2}})
     stopped = simulated.call("stop", reason=reason)
     assert "A person must end the stop" in str(stopped)
@@ -41,7 +41,7 @@ def test_stop_latches_with_any_value_as_reason(simulated, reason):
     assert not simulated.has_moved
 
 
-def test_refusals_after_a_stop_do_not_name_python_methods(simulated):
+def test_agent_errors_after_stop_do_not_name_python_methods(simulated):
     assert simulated.call("gripper", to="open")["status"] == "done"
     assert simulated.call("where")["is_holding"]
     simulated.call("stop", reason="test")
@@ -51,6 +51,6 @@ def test_refusals_after_a_stop_do_not_name_python_methods(simulated):
     assert "arm." not in refused
 
 
-def test_stop_of_a_limp_arm_does_not_claim_that_it_holds(simulated):
+def test_stop_reply_of_limp_arm_does_not_claim_that_it_holds(simulated):
     assert "holds" not in str(simulated.call("stop", reason="test"))
     assert not simulated.call("where")["is_holding"]

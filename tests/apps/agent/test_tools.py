@@ -14,7 +14,7 @@ from tests.arm.simulated import true_tip_m
 NEAR = [0.22, 0.04, 0.12]
 
 
-def test_every_tool_has_a_valid_schema_and_a_description(simulated):
+def test_every_mcp_tool_has_valid_schema_and_description(simulated):
     async def tools(client):
         return (await client.list_tools()).tools
 
@@ -30,7 +30,7 @@ def test_every_tool_has_a_valid_schema_and_a_description(simulated):
         assert each.description
 
 
-def test_plan_accepts_each_kind_of_motion_with_units(simulated):
+def test_plan_tool_accepts_each_kind_of_motion_with_units(simulated):
     async def schema(client):
         return next(t for t in (await client.list_tools()).tools if t.name == "plan").input_schema
 
@@ -49,7 +49,7 @@ def test_plan_accepts_each_kind_of_motion_with_units(simulated):
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
-def test_planned_motion_is_executed_once(simulated, mode):
+def test_agent_plan_can_be_executed_only_once(simulated, mode):
     async def move(client):
         planned = await client.call_tool("plan", {"motion": {"move_to": {"position_m": NEAR}}})
         assert not simulated.has_moved
@@ -64,13 +64,13 @@ def test_planned_motion_is_executed_once(simulated, mode):
     assert simulated.audit.faults() == []
 
 
-def test_picture_of_plan_is_png(simulated):
+def test_plan_picture_tool_returns_png(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     (picture,) = simulated.call("plan_picture", plan_id=plan)
     assert picture.mime_type == "image/png"
 
 
-def test_agent_cannot_remove_things_of_the_owner(simulated):
+def test_agent_cannot_remove_scene_objects_of_owner(simulated):
     simulated.agent.arm.scene.add("box", "wall", center_m=(0.3, 0.3, 0.1), size_m=(0.1, 0.1, 0.1))
     assert "no thing of the agent named 'wall'" in simulated.call("scene_remove", name="wall")
     added = simulated.call("scene_add", kind="sphere", name="ball", center_m=[0.1, 0.3, 0.1],
@@ -86,7 +86,7 @@ def test_explain_tool_says_why_a_point_is_refused(simulated):
     assert len(refusal["details"]["nearest_m"]) == 3
 
 
-def test_stop_stays_until_a_person_acknowledges_it(simulated):
+def test_agent_stop_stays_until_a_person_acknowledges_it(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop", reason="a\x1b[2Jb")
     assert "stopped" in simulated.call("execute", plan_id=plan)
@@ -97,7 +97,7 @@ def test_stop_stays_until_a_person_acknowledges_it(simulated):
     assert simulated.call("execute", plan_id=again)["status"] == "done"
 
 
-def test_program_is_checked_then_run_as_one_plan(simulated):
+def test_agent_program_is_checked_and_run_as_one_plan(simulated):
     text = f'format = 1\narm = "so101"\n[[steps]]\ntip_m = {NEAR}\n[[steps]]\nwait_s = 1.0\n'
     checked = simulated.call("program_check", text=text)
     assert [step["error"] for step in checked["steps"]] == ["", ""]
@@ -125,11 +125,11 @@ def test_program_is_checked_then_run_as_one_plan(simulated):
         ('format = 1\narm = "so101"\n[[steps]]\nprogram = "/etc/passwd"\n', "not a fixed list"),
     ],
 )
-def test_program_that_cannot_be_run_is_refused(simulated, text, words):
+def test_agent_program_check_reports_why_program_cannot_run(simulated, text, words):
     assert words in simulated.call("program_check", text=text)
 
 
-def test_resources_describe_the_arm(simulated):
+def test_mcp_resources_describe_arm_and_its_state(simulated):
     async def read(client):
         return [(await client.read_resource(f"arm://{name}")).contents[0].text
                 for name in ("description", "state")]  # fmt: skip
@@ -139,7 +139,7 @@ def test_resources_describe_the_arm(simulated):
     assert "home" in description["poses"]
 
 
-def test_owner_limits_hold_for_each_motion(open_session):
+def test_limits_set_by_owner_apply_to_every_agent_motion(open_session):
     region = PathConstraint(low_m=(0.1, -0.2, 0.05), high_m=(0.4, 0.2, 0.4))
     with open_session(consent=Consent.SLOW, within=region, motions=2) as session:
         fast = session.call("plan", motion={"move_to": {"position_m": NEAR, "speed": "fast"}})
@@ -159,7 +159,7 @@ def test_owner_limits_hold_for_each_motion(open_session):
         assert session.audit.faults() == []
 
 
-def test_journal_names_call_consent_and_result(simulated):
+def test_agent_journal_records_call_consent_and_result(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("execute", plan_id=plan)
     text = "\n".join(read_journal(simulated.agent.journal.path))
@@ -174,7 +174,7 @@ def test_agent_moves_nothing_without_journal_entry(simulated, monkeypatch):
     assert not simulated.has_moved
 
 
-def test_plan_made_before_stop_is_never_executed(simulated):
+def test_agent_plan_made_before_stop_is_never_executed(simulated):
     plan = simulated.plan(move_to={"position_m": NEAR})
     simulated.call("stop")
     simulated.agent.acknowledge("a person")
@@ -182,7 +182,7 @@ def test_plan_made_before_stop_is_never_executed(simulated):
     assert not simulated.has_moved
 
 
-def test_call_cancelled_before_its_motion_begins_moves_nothing(simulated, monkeypatch):
+def test_agent_call_cancelled_before_motion_moves_nothing(simulated, monkeypatch):
     plan, write = simulated.plan(move_to={"position_m": NEAR}), simulated.agent.journal.write
 
     def cancelled(event, **values):
@@ -195,7 +195,7 @@ def test_call_cancelled_before_its_motion_begins_moves_nothing(simulated, monkey
     assert not simulated.has_moved
 
 
-def test_journal_names_the_client_and_is_private(simulated):
+def test_agent_journal_names_client_and_is_private(simulated):
     simulated.call("execute", plan_id=simulated.plan(move_to={"position_m": NEAR}))
     path = simulated.agent.journal.path
     (asked,) = (each for each in read_journal(path) if " asked " in each)
@@ -203,7 +203,7 @@ def test_journal_names_the_client_and_is_private(simulated):
     assert path.stat().st_mode & 0o077 == 0
 
 
-def test_program_is_refused_if_arm_has_left_its_start(simulated):
+def test_agent_program_is_refused_if_arm_has_moved_since(simulated):
     text = f'format = 1\narm = "so101"\n[[steps]]\ntip_m = {NEAR}\n'
     checked = simulated.call("program_check", text=text)["plan"]["plan_id"]
     moved = simulated.plan(move_joints={"positions": {"shoulder_pan": 0.5}})
@@ -211,14 +211,14 @@ def test_program_is_refused_if_arm_has_left_its_start(simulated):
     assert "not where the program begins" in simulated.call("execute", plan_id=checked)
 
 
-def test_person_sees_steps_speeds_and_repetitions_of_a_program(simulated):
+def test_consent_request_shows_program_steps_and_speeds(simulated):
     step = f'[[steps]]\nname = "{"harmless " * 8}"\ntip_m = {NEAR}\nspeed = "fast"\n'
     text = f'format = 1\narm = "so101"\nrepeat = 3\n{step}'
     summary = simulated.call("program_check", text=text)["plan"]["summary"]
     assert summary == ["1: joints to (0.220, 0.040, 0.120) m, fast", "all steps 3 times"]
 
 
-def test_program_outside_the_region_is_not_offered(open_session):
+def test_program_outside_allowed_region_is_not_offered(open_session):
     region = PathConstraint(low_m=(0.1, -0.2, 0.05), high_m=(0.4, 0.2, 0.4))
     text = 'format = 1\narm = "so101"\n[[steps]]\ntip_m = [0.2, 0.25, 0.12]\n'
     with open_session(consent=Consent.SLOW, within=region) as session:

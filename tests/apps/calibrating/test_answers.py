@@ -28,16 +28,16 @@ def answered_at(hand, script, until_s=70.0):
     return None
 
 
-def test_anchor_pose_is_accepted_as_soon_as_arm_is_still():
+def test_anchor_pose_is_accepted_as_soon_as_arm_is_at_rest():
     hand = Hand(subject()).read()
     assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(0.5, abs=0.05), "accept")
 
 
-def test_full_sweep_is_accepted_after_1_s_without_change():
+def test_full_joint_sweep_is_accepted_after_1_s_without_change():
     assert answered_at(swept(), ScriptedAnswers()) == (pytest.approx(1.0, abs=0.03), "accept")
 
 
-def test_narrow_sweep_is_accepted_after_4_s_without_change():
+def test_narrow_joint_sweep_is_accepted_after_4_s_unchanged():
     assert answered_at(swept(500, 1000), ScriptedAnswers()) == (
         pytest.approx(4.0, abs=0.03),
         "accept",
@@ -45,7 +45,7 @@ def test_narrow_sweep_is_accepted_after_4_s_without_change():
 
 
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
-def test_scripted_accept_is_given_after_wait_without_change(up, down, wait_s):
+def test_scripted_accept_is_given_after_wait_without_motion(up, down, wait_s):
     state, script = swept(up, down).state, ScriptedAnswers()
     answers = [answer_at(script, state, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
     assert answers == [None, None, "accept"]
@@ -61,7 +61,7 @@ def test_scripted_answer_times_out_after_60_s():
         answer_at(script, state, 65.01)
 
 
-def test_new_motion_restarts_wait_for_accept():
+def test_joint_motion_restarts_wait_before_accept():
     hand, script = swept(), ScriptedAnswers()
     assert answered_at(hand, script, until_s=0.8) is None
     hand.move(-200)
@@ -76,7 +76,7 @@ def test_scripted_skip_is_given_as_soon_as_sweep_starts():
     assert script.next_answer(hand.request()) == "skip elbow"
 
 
-def test_each_scripted_answer_has_its_own_time_out():
+def test_every_scripted_answer_has_its_own_time_out():
     hand, script = (
         Hand(subject("a", 1), subject("b", 2)).rest().accept(),
         ScriptedAnswers(["skip a"]),
@@ -97,7 +97,7 @@ def trembling(hand, script):
         hand.read()
 
 
-def test_arm_that_never_rests_times_out_with_clear_message():
+def test_calibration_of_arm_that_never_rests_times_out():
     hand = Hand(subject()).read()
     with pytest.raises(CalibrationError, match="still moving"):
         trembling(hand, ScriptedAnswers())
@@ -115,7 +115,7 @@ def test_calibration_script_error_names_line(tmp_path, text, line):
     assert caught.value.where == f"line {line}"
 
 
-def test_calibration_script_accepts_former_command_words(tmp_path):
+def test_calibration_script_accepts_old_command_names(tmp_path):
     path = tmp_path / "script"
     path.write_text("again elbow\nfree wrist\ncontinuous wrist\n")
     assert read_script(path) == ["remeasure elbow", "continuous wrist", "continuous wrist"]
@@ -127,7 +127,7 @@ def test_scripted_accept_without_effect_is_repeated_later():
     assert answers == [None, "accept", None, None, "accept"]
 
 
-def test_one_narrow_sweep_among_joints_needs_the_longer_wait():
+def test_one_narrow_sweep_of_several_needs_4_s_wait():
     hand = Hand(subject(), subject("wrist", 2)).rest().accept()
     hand.move(1000, 1).move(-2000, 1).move(500, 2).move(-1000, 2)
     assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(4.0, abs=0.03), "accept")

@@ -21,7 +21,7 @@ def towards(so101, joint, end):
     return postures.path_to_clear(column, 0.0, end, model.chain_pose("rest"))
 
 
-def test_path_to_search_posture_touches_nothing(so101):
+def test_path_to_end_stop_search_posture_is_collision_free(so101):
     model, postures = so101
     way = towards(so101, "wrist_flex", 1.7)
     here = model.chain_pose("rest")
@@ -30,7 +30,7 @@ def test_path_to_search_posture_touches_nothing(so101):
         here = posture
 
 
-def test_search_posture_keeps_tip_above_table_up_to_end_stop(so101):
+def test_end_stop_search_posture_keeps_tip_above_table(so101):
     model, _ = so101
     posture = towards(so101, "elbow_flex", -1.75)[-1]
     rows = np.tile(posture, (30, 1))
@@ -39,7 +39,7 @@ def test_search_posture_keeps_tip_above_table_up_to_end_stop(so101):
     assert (heights > 0.0).all()
 
 
-def test_joints_already_measured_may_be_near_their_end_stops(so101):
+def test_already_measured_joints_may_be_near_their_end_stops(so101):
     model = so101[0]
     postures = PosturePlanner(model)
     for joint in ("wrist_flex", "elbow_flex"):

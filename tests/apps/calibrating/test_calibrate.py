@@ -74,7 +74,7 @@ def file_of(home, name="planar2"):
     return home / "arms" / f"{name}-58FA083.toml"
 
 
-def test_calibration_dialogue_ends_with_saved_file(mount_arm, run_cli, home):
+def test_calibration_dialogue_saves_calibration_file(mount_arm, run_cli, home):
     done = calibrated(mount_arm(), run_cli)
     assert done.out == f"Saved to {file_of(home)}\n"
     calibration = read_calibration(file_of(home))
@@ -126,7 +126,7 @@ def test_changes_from_previous_calibration_are_shown(mount_arm, run_cli, home):
 
 
 @pytest.mark.full
-def test_damaged_calibration_file_is_announced_as_replaced(mount_arm, run_cli, home):
+def test_calibrate_says_that_it_replaces_damaged_file(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     text = file_of(home).read_text()
@@ -142,7 +142,7 @@ def test_calibrate_json_is_one_object_with_every_joint(mount_arm, run_cli, home)
     assert [joint["name"] for joint in answer["joints"]] == ["joint1", "joint2"]
 
 
-def test_where_after_calibration_names_sweep_and_true_angles(mount_arm, run_cli):
+def test_where_after_calibration_gives_true_angles_and_source(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli)
     answer = run_cli(f"where --arm planar2 --port {PORT} --json").json
@@ -154,7 +154,7 @@ def test_where_after_calibration_names_sweep_and_true_angles(mount_arm, run_cli)
 
 
 @pytest.mark.campaign
-def test_a_calibrated_arm_moves_its_tip(mount_arm, run_cli):
+def test_calibrated_arm_reaches_target_within_3_mm(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli)
     done = run_cli(f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --json --no-collision")
@@ -209,14 +209,14 @@ def test_invalid_limit_option_saves_nothing(mount_arm, run_cli, home, text):
     assert not file_of(home).exists()
 
 
-def test_calibrate_without_terminal_names_yes_and_script(mount_arm, run_cli, home):
+def test_calibrate_error_without_terminal_names_needed_options(mount_arm, run_cli, home):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose home --no-input")
     assert done.code == 2
     assert "--yes" in done.err
     assert "--from-script" in done.err
 
 
-def test_calibrate_without_operator_names_unmoved_joint(mount_arm, run_cli, home, monkeypatch):
+def test_calibrate_without_operator_reports_unmoved_joint(mount_arm, run_cli, home, monkeypatch):
     monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 3.0)
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose home --yes")
     assert done.code == 6
@@ -233,7 +233,7 @@ def test_calibrate_asks_before_it_switches_torque_off(mount_arm, run_cli, home):
     assert arm.register(1, "torque_enable") == 1
 
 
-def test_unknown_pose_error_lists_known_poses(mount_arm, run_cli):
+def test_unknown_pose_error_of_calibrate_lists_known_poses(mount_arm, run_cli):
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose folded --yes")
     assert done.code == 2
     assert "home, rest, zero" in done.err
@@ -258,7 +258,7 @@ def test_uncalibrated_arm_refuses_tip_move_on_real_port(mount_arm, run_cli):
     assert "ikservo calibrate planar2" in done.err
 
 
-def test_uncalibrated_arm_takes_only_small_confirmed_steps(mount_arm, run_cli):
+def test_uncalibrated_arm_allows_only_small_confirmed_steps(mount_arm, run_cli):
     arm = mount_arm(zero=2048, sign=1)
     words = f"joints joint1={{}} --arm planar2 --port {PORT} --no-collision"
     here = math.degrees(arm.true_position("joint1"))
@@ -281,7 +281,7 @@ def test_uncalibrated_arm_relaxes_in_place_after_confirmation(mount_arm, run_cli
 
 
 @pytest.mark.full
-def test_uncalibrated_option_accepts_nominal_zeros(mount_arm, run_cli):
+def test_uncalibrated_option_uses_nominal_zeros(mount_arm, run_cli):
     arm = mount_arm(zero=2048, sign=1, spoiled=False)
     words = f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --no-collision"
     done = run_cli(f"{words} --uncalibrated")
@@ -370,7 +370,9 @@ def test_calibration_pull_refuses_other_count_direction(
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("action", ["push", "pull"])
 @pytest.mark.parametrize("other", [{"id": 7}, {"model": "STS3250"}], ids=str)
-def test_push_and_pull_refuse_file_of_other_servos(mount_arm, run_cli, home, action, other):
+def test_calibration_push_and_pull_refuse_file_of_other_servos(
+    mount_arm, run_cli, home, action, other
+):
     calibrated(mount_arm(), run_cli)
     calibration = read_calibration(file_of(home))
     first, second = calibration.joints
@@ -389,7 +391,7 @@ def test_calibration_push_refuses_uncalibrated_arm(mount_arm, run_cli):
     assert "is not calibrated" in done.err
 
 
-def test_calibration_resume_has_nothing_to_do_after_success(mount_arm, run_cli):
+def test_calibration_resume_after_success_does_nothing(mount_arm, run_cli):
     done = run_cli(f"calibration resume planar2 --port {mount_arm() and PORT}")
     assert (done.code, done.out) == (0, "No interrupted write; nothing to do.\n")
 
@@ -464,7 +466,7 @@ def test_unknown_calibration_action_suggests_known_one(mount_arm, run_cli):
     assert "Did you mean pull?" in done.err
 
 
-def test_where_refuses_damaged_calibration_file_with_one_error(mount_arm, run_cli, home):
+def test_where_command_refuses_damaged_calibration_file(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
     text = file_of(home).read_text()

@@ -112,7 +112,7 @@ def test_obstacle_before_end_stop_is_refused_and_not_saved(arm, narrow, run_cli)
 
 
 @pytest.mark.full
-def test_joints_measured_before_failure_are_kept_for_next_run(arm, narrow, run_cli):
+def test_joints_calibrated_before_failure_are_kept_for_next_run(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.1, 0.436)
     assert "Measured and kept for the next run: joint2." in auto(run_cli, narrow).err
     set_stops(arm, "joint1", -0.436, 0.436)
@@ -149,7 +149,7 @@ def test_damaged_partial_file_does_not_stop_auto_calibration(arm, narrow, run_cl
 
 
 @pytest.mark.full
-def test_joint_without_end_stop_is_not_driven_forever(arm, narrow, run_cli):
+def test_auto_search_of_joint_without_end_stop_ends(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(run_cli, narrow)
     assert (done.code, "joint2 has no end stop up to" in done.err) == (6, True)
@@ -214,7 +214,7 @@ def killed(arm, narrow, run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_killed_search_is_reported_while_torque_is_on(arm, narrow, run_cli, killed):
+def test_killed_end_stop_search_is_reported_while_torque_is_on(arm, narrow, run_cli, killed):
     where = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
     assert (where.code, "ikservo calibration revert" in where.err) == (6, True), where.err
     doctor = run_cli(f"doctor --arm {narrow} --port {PORT}")
@@ -226,7 +226,7 @@ def test_killed_search_is_reported_while_torque_is_on(arm, narrow, run_cli, kill
 
 
 @pytest.mark.full
-def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
+def test_killed_end_stop_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
     relaxed = run_cli(f"relax --arm {narrow} --port {PORT} --yes")
     assert not any(servo.drive.torque_on for servo in arm.line.servos.values()), relaxed.err
     done = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
@@ -235,7 +235,9 @@ def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
 
 
 @pytest.mark.campaign
-def test_killed_search_is_cleared_by_next_calibration(arm, narrow, run_cli, killed, monkeypatch):
+def test_killed_end_stop_search_is_cleared_by_calibration(
+    arm, narrow, run_cli, killed, monkeypatch
+):
     back_to_the_pose(arm)
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
@@ -250,7 +252,7 @@ def test_killed_search_is_cleared_by_next_calibration(arm, narrow, run_cli, kill
 
 @pytest.mark.full
 @pytest.mark.timeout(400)
-def test_sagged_pose_is_not_saved_without_a_question(arm, narrow, run_cli):
+def test_calibration_in_sagged_pose_is_not_saved_unconfirmed(arm, narrow, run_cli):
     set_stops(arm, "joint2", -0.436, 0.436)  # where the arm file has them
     arm.world.place("joint2", math.radians(5.0 + 7.1))
     done = auto(run_cli, narrow, "--skip joint1")
@@ -346,7 +348,7 @@ SHORT = {"so100": ("elbow_flex", "shoulder_lift"), "wx250s": ("elbow", "waist")}
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", ["so100", pytest.param("wx250s", marks=pytest.mark.campaign)])
-def test_folded_limp_arm_is_lifted_before_stops_are_searched(run_cli, name):
+def test_folded_arm_is_lifted_before_end_stops_are_searched(run_cli, name):
     left_out = [joint.name for joint in load_model(name).joints if joint.name != "gripper"]
     done = limp(run_cli, name, *(f"--skip {joint}" for joint in left_out))
     assert done.code == 0, done.err
@@ -375,7 +377,7 @@ def stopped_there(_):
 
 
 @pytest.mark.full
-def test_auto_calibration_without_room_suggests_another_pose(monkeypatch, run_cli):
+def test_auto_calibration_in_tight_pose_suggests_another_pose(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.maintenance.direction_check.plan_clearance", lambda *_: None)
     done = limp(run_cli, "so100")
     assert done.code == 8

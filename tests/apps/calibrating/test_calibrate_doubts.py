@@ -66,7 +66,7 @@ def answering(monkeypatch, **answers):
 # --- signs ---
 
 
-def test_signs_equal_to_arm_file_do_not_need_test_motion(mount_arm, run_cli):
+def test_joint_signs_equal_to_arm_file_need_no_direction_test(mount_arm, run_cli):
     mount_arm(sign=1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
@@ -74,7 +74,7 @@ def test_signs_equal_to_arm_file_do_not_need_test_motion(mount_arm, run_cli):
     assert directions_confirmed(load_model(NAME), PORT)
 
 
-def test_opposite_sign_is_measured_twice_then_left_unconfirmed(mount_arm, run_cli):
+def test_opposite_joint_sign_stays_unconfirmed_after_two_trials(mount_arm, run_cli):
     mount_arm(sign=-1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
@@ -97,20 +97,20 @@ def check_with_answers(monkeypatch, **answers):
 
 
 @pytest.mark.full
-def test_test_motion_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
+def test_direction_test_is_offered_for_doubtful_joint_only(monkeypatch, capsys):
     asked, check = check_with_answers(monkeypatch)
     assert check() is True
     assert [prompt.split()[0] for prompt in asked] == ["Run", "Did"]
     assert "joint1 moves so that the tool moves" in capsys.readouterr().err
 
 
-def test_test_motion_in_wrong_direction_is_reported(monkeypatch):
+def test_direction_test_in_wrong_direction_is_reported(monkeypatch):
     _, check = check_with_answers(monkeypatch, Did="n")
     with pytest.raises(CalibrationError, match="joint1 does not move as"):
         check()
 
 
-def test_postponed_test_motion_stays_pending(monkeypatch, capsys):
+def test_postponed_direction_test_stays_pending(monkeypatch, capsys):
     _, check = check_with_answers(monkeypatch, Run="n")
     assert check() is False
     assert "The first motion begins with this test" in capsys.readouterr().err
@@ -147,7 +147,7 @@ def shifted_state(name="joint1"):
 
 
 @pytest.mark.parametrize("answer", ["y", "n"])
-def test_implausible_zero_is_asked_about_on_terminal(monkeypatch, capsys, answer):
+def test_implausible_zero_needs_confirmation_on_terminal(monkeypatch, capsys, answer):
     asked = answering(monkeypatch, Was=answer)
     refused = nullcontext() if answer == "y" else pytest.raises(CalibrationError, match="pose")
     with refused:
@@ -167,7 +167,7 @@ def calibrated(mount_arm, monkeypatch):
     return arm
 
 
-def test_calibrate_joint_keeps_the_other_joint(calibrated, run_cli):
+def test_calibrating_one_joint_keeps_values_of_the_other(calibrated, run_cli):
     before = saved()
     done = run_cli(f"{WORDS} --joint joint1 --yes")
     assert done.code == 0, done.err
@@ -179,7 +179,7 @@ def test_calibrate_joint_keeps_the_other_joint(calibrated, run_cli):
     )
 
 
-def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
+def test_calibrating_one_joint_needs_calibration_of_others(mount_arm, run_cli):
     arm = mount_arm(moved=["joint1"], sign=1)
     arm.line.servos[1].write("torque_enable", 1)
     done = run_cli(f"{WORDS} --joint joint1 --yes")
@@ -195,7 +195,7 @@ def test_calibrate_joint_needs_calibration_of_other_joints(mount_arm, run_cli):
         ("--joint joint1 --auto --yes", "--joint can only be given in a calibration by hand"),
     ],
 )
-def test_wrong_use_of_joint_option_gives_one_clear_error(calibrated, run_cli, words, message):
+def test_misused_joint_option_of_calibrate_gives_one_error(calibrated, run_cli, words, message):
     done = run_cli(f"{WORDS} {words}")
     assert (done.code, message in done.err) == (2, True), done.err
 
@@ -204,9 +204,7 @@ def test_wrong_use_of_joint_option_gives_one_clear_error(calibrated, run_cli, wo
 
 
 @pytest.mark.parametrize("at_s", [0.3, 1.5, 4.0])
-def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(
-    mount_arm, run_cli, monkeypatch, at_s
-):
+def test_ctrl_c_in_calibrate_says_that_nothing_was_saved(mount_arm, run_cli, monkeypatch, at_s):
     arm = mount_arm(sign=1)
     arm.line.servos[1].write("torque_enable", 1)
     read = TorqueOffArm.read_ticks

@@ -89,7 +89,7 @@ def still(request):
     return request.choices[0].wait_s is not None
 
 
-def test_enter_accepts_pose_and_ends_sweep(terminal, picture):
+def test_enter_key_accepts_pose_and_ends_sweep(terminal, picture):
     def typed(request):
         return "\n" if still(request) and (request.stage == "anchor" or request.at_s > 6.5) else ""
 
@@ -102,7 +102,7 @@ def test_enter_accepts_pose_and_ends_sweep(terminal, picture):
     assert swept.count("✓") >= 2
 
 
-def test_early_enter_names_unmoved_joint_and_continues(terminal, picture):
+def test_early_enter_key_names_unmoved_joint_and_continues(terminal, picture):
     result = []
 
     def typed(request):
@@ -116,7 +116,7 @@ def test_early_enter_names_unmoved_joint_and_continues(terminal, picture):
     assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in result)
 
 
-def test_key_s_skips_current_joint_and_u_undoes_it(terminal, picture):
+def test_calibration_key_s_skips_joint_and_key_u_undoes_it(terminal, picture):
     pressed = iter(["s", "u", "s"])
 
     def typed(request):
@@ -132,7 +132,7 @@ def test_key_s_skips_current_joint_and_u_undoes_it(terminal, picture):
 
 @pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
-def test_joint_table_fits_terminal_width(name, width):
+def test_calibration_joint_table_fits_terminal_width(name, width):
     arm = make_mounted_arm(name, 7, spoiled=False)
     with arm.open_limp() as limp_arm:
         state = make_swept_state(limp_arm, {i: arm.direction(i) for i in arm.line.servos})

@@ -21,7 +21,7 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.parametrize("arm", EVERY_ARM)
-def test_scripted_hands_calibrate_every_arm(run_cli, arm):
+def test_simulated_hand_calibrates_every_shipped_arm(run_cli, arm):
     done = run_cli(f"calibrate {arm} --port sim:?hand=calibrate --yes --json")
     assert done.code == 0, done.err
     model = load_model(arm)

@@ -22,29 +22,29 @@ def standing(seconds, goal=AHEAD, load=LOUD):
     return [(0.02 * k, 0.0, goal, load) for k in range(int(seconds / 0.02) + 1)]
 
 
-def test_loaded_joint_at_rest_short_of_goal_is_at_stop():
+def test_loaded_joint_at_rest_short_of_goal_is_at_end_stop():
     assert after(standing(0.3)) is ContactState.STOP
 
 
-def test_joint_at_rest_for_only_200_ms_is_not_at_stop():
+def test_joint_at_rest_for_only_200_ms_is_not_at_end_stop():
     assert after(standing(0.2)) is ContactState.MOVING
 
 
-def test_joint_creeping_under_load_is_not_at_stop():
+def test_joint_creeping_under_load_is_not_at_end_stop():
     creeping = [(0.02 * k, 0.001 * k, AHEAD + 0.001 * k, LOUD) for k in range(100)]
     assert after(creeping) is ContactState.MOVING
 
 
-def test_joint_at_its_goal_is_not_at_stop():
+def test_joint_at_its_goal_is_not_at_end_stop():
     assert after(standing(1.0, goal=0.01)) is ContactState.MOVING
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_stop_is_detected_in_both_pressing_directions(sign):
+def test_end_stop_is_detected_in_both_directions(sign):
     assert after(standing(0.3, goal=sign * AHEAD, load=sign * LOUD)) is ContactState.STOP
 
 
-def test_joint_held_by_friction_is_not_at_stop():
+def test_joint_held_by_friction_is_not_at_end_stop():
     stuck = [(0.02 * k, 0.0, min(0.01 * k, 0.11), LOUD) for k in range(50)]
     assert after(stuck) is ContactState.MOVING
 
@@ -54,12 +54,12 @@ def test_unloaded_joint_at_rest_is_not_a_contact():
     assert after(standing(1.6, load=2.0)) is ContactState.NO_CONTACT
 
 
-def test_load_threshold_scales_with_torque_limit():
+def test_end_stop_load_threshold_scales_with_torque_limit():
     assert after(standing(0.3, load=14.0), most_percent=60.0) is ContactState.MOVING
     assert after(standing(0.3, load=14.0), most_percent=30.0) is ContactState.STOP
 
 
-def test_joint_trembling_by_one_tick_is_at_rest():
+def test_joint_vibrating_by_one_tick_is_at_rest():
     trembling = [(0.02 * k, math.tau / 4096 * (k % 2), AHEAD, LOUD) for k in range(20)]
     assert after(trembling) is ContactState.STOP
 
@@ -75,18 +75,18 @@ def samples(*rows, most_percent=64.0):
 @pytest.mark.parametrize(
     ("last_s", "touch"), [(5.25, ContactState.STOP), (5.24, ContactState.MOVING)]
 )
-def test_stop_detection_counts_250_ms_from_last_motion(last_s, touch):
+def test_end_stop_detection_waits_250_ms_after_last_motion(last_s, touch):
     assert samples((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
 
 
-def test_first_sample_does_not_detect_stop():
+def test_first_sample_does_not_detect_end_stop():
     assert not EndStopDetector(30.0, FAR).may_be_blocked(7.0, 0.0, 1.0)
     assert samples((7.0, 0.0)).contact is ContactState.MOVING
 
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("step_rad", "stands"), [(0.00401, False), (0.004, True), (0.0039, True)])
-def test_change_below_three_ticks_is_not_motion(way, step_rad, stands):
+def test_position_change_below_three_ticks_is_not_motion(way, step_rad, stands):
     seen = samples((0.0, 0.0), (0.25, way * step_rad))
     assert (seen.contact is ContactState.STOP) is stands
     assert samples((0.0, 1.0), (0.25, 1.0 + way * 0.01)).blocked.joints == [1.0 + way * 0.01]
@@ -103,7 +103,7 @@ def test_end_stop_needs_lag_of_0_12_rad_behind_goal(way, behind_rad, stop):
     assert (feeler.contact is ContactState.STOP) is stop
 
 
-def test_distance_to_goal_is_measured_from_position_at_rest():
+def test_end_stop_lag_is_measured_from_resting_position():
     feeler = (
         EndStopDetector(64.0, FAR)
         .update_with_load(0.0, 1.0, 1.02, 32.0)

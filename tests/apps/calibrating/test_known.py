@@ -59,7 +59,7 @@ def reopened(arm):
     return arm.port
 
 
-def test_user_limit_is_used_and_named_as_its_source():
+def test_limit_set_by_user_applies_and_names_user_as_source():
     calibration = calibration_of("so101")
     joints = [
         joint.model_copy(update={"user_upper_deg": 10.0}) if joint.name == "elbow_flex" else joint
@@ -128,7 +128,7 @@ def test_damaged_calibration_is_refused():
         calibrated_model(load_model("so101"))
 
 
-def test_a_bare_urdf_has_no_calibration():
+def test_plain_urdf_has_no_calibration():
     save_calibration(calibration_of("so101"))
     bare = ikservo.load_model(CONFIGS / "so101" / "arm.urdf", "gripper_frame")
     assert calibrated_model(bare).model is bare

@@ -19,7 +19,7 @@ def shown(hand):
 @pytest.mark.parametrize(
     ("ticks", "state"), [(49, JointProgress.UNMOVED), (50, JointProgress.MOVING)]
 )
-def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
+def test_joint_counts_as_moved_after_50_ticks(ticks, state):
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 
 
@@ -32,23 +32,23 @@ def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
         (4074, JointProgress.FREE),
     ],
 )
-def test_meter_shows_complete_at_80_percent_and_free_at_360_deg(ticks, state):
+def test_sweep_is_complete_at_80_percent_and_free_at_full_turn(ticks, state):
     # 3 rad are 1955.7 ticks; a turn less two degrees is 4073.2
     assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
 
 
-def test_meter_shows_joint_with_known_range_as_known():
+def test_sweep_meter_shows_that_joint_range_is_known():
     assert (
         shown(Hand(subject(known=TickRange(0, 2000))).rest().accept()).state is JointProgress.KNOWN
     )
 
 
-def test_meter_shows_joint_marked_continuous_as_free():
+def test_sweep_meter_shows_continuous_joint_as_free():
     hand = Hand(subject()).rest().accept().say("continuous elbow")
     assert shown(hand).state is JointProgress.FREE
 
 
-def test_meter_shows_position_and_swept_range():
+def test_sweep_meter_shows_position_and_swept_range():
     hand = Hand(subject(pose=0.5)).rest().accept().move(1000).move(-1500)
     meter = shown(hand)
     rad = math.tau / TURN

@@ -25,7 +25,7 @@ def messages_of(state):
 
 
 @pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
-def test_sweep_counts_as_full_turn_2_degrees_early(ticks, round_):
+def test_sweep_within_2_degrees_of_full_turn_counts_as_full_turn(ticks, round_):
     one = subject(lower=-3.1, upper=3.1)
     assert is_full_turn(swept(one, ticks), one) is round_
 
@@ -38,13 +38,13 @@ def test_sweep_of_358_of_360_ticks_counts_as_full_turn():
         assert is_full_turn(replace(state, tracks=tracks), one) is round_
 
 
-def test_potentiometer_never_makes_full_turn():
+def test_potentiometer_joint_never_counts_as_full_turn():
     one = replace(subject(), ticks_per_turn=0)
     assert not is_full_turn(swept(one, 100), one)
 
 
 @pytest.mark.parametrize(("width_deg", "reported"), [(299.5, True), (300.5, False)])
-def test_full_turn_is_reported_if_arm_file_range_below_300_deg(width_deg, reported):
+def test_full_turn_is_reported_for_arm_file_range_below_300_deg(width_deg, reported):
     half = math.radians(width_deg) / 2
     messages = messages_of(swept(subject(lower=-half, upper=half), 4100))
     assert any("was moved by a full turn" in each for each in messages) is reported
@@ -58,7 +58,7 @@ def test_continuous_joint_counts_as_completely_swept():
 
 
 @pytest.mark.parametrize(("ticks", "reported"), [(249, True), (250, False)])
-def test_joint_must_move_50_ticks_plus_both_margins(ticks, reported):
+def test_swept_joint_must_move_50_ticks_plus_both_margins(ticks, reported):
     margin_rad = 100 * math.tau / TURN
     messages = messages_of(swept(subject(), ticks, margin_rad=margin_rad))
     assert any(f"was moved by only {ticks} ticks" in each for each in messages) is reported
@@ -66,7 +66,7 @@ def test_joint_must_move_50_ticks_plus_both_margins(ticks, reported):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("apart", "reported"), [(40, False), (41, True)])
-def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, reported):
+def test_two_servos_of_one_joint_may_differ_by_40_ticks(way, apart, reported):
     hand = Hand(subject(shadow_ids=(2,)), start=700).rest().accept()
     hand.move(900, 1, 2).move(way * apart, 2, step=1)
     messages = messages_of(hand.state)
@@ -92,18 +92,18 @@ def is_reported_mirrored(state):
 
 
 @pytest.mark.parametrize(("apart_deg", "reported"), [(14.5, False), (15.5, True)])
-def test_mirrored_range_is_reported_if_ends_differ_by_30_deg(apart_deg, reported):
+def test_mirrored_range_with_ends_off_by_30_deg_is_reported(apart_deg, reported):
     near_deg, far_deg = 60.0, 60.0 + apart_deg
     assert is_reported_mirrored(swept_deg(-near_deg, far_deg, -far_deg, near_deg)) is reported
 
 
 @pytest.mark.parametrize(("short_deg", "reported"), [(29.0, True), (31.0, False)])
-def test_mirrored_range_is_reported_if_it_fits_much_better(short_deg, reported):
+def test_swept_range_that_fits_better_mirrored_is_reported(short_deg, reported):
     # off by 120 less what is missing of the sweep; mirrored only by what is missing
     assert is_reported_mirrored(swept_deg(-40, 100, short_deg - 100, 40)) is reported
 
 
-def test_range_outside_arm_file_is_reported_with_both_ranges():
+def test_swept_range_outside_arm_file_range_is_reported():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way

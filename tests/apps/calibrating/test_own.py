@@ -59,7 +59,7 @@ def test_calibrated_arm_reports_true_joint_positions(mount_arm):
             assert state.position_rad == pytest.approx(truth, abs=math.radians(0.2)), state.name
 
 
-def test_joint_reaches_goal_for_any_mounting(mount_arm):
+def test_joint_reaches_goal_for_any_servo_mounting(mount_arm):
     arm = mount_arm("koch", 6)
     with opened(arm) as machine:
         here = {state.name: state.position_rad for state in machine.where().joints}
@@ -101,7 +101,7 @@ def swap(arm, one, other):
 
 
 @pytest.mark.parametrize("pair", [*combinations(range(1, 7), 2)], ids=str)
-def test_swapped_servo_ids_are_noticed(mount_arm, pair):
+def test_swapped_servo_ids_are_detected(mount_arm, pair):
     arm = mount_arm("so101")
     swap(arm, *pair)
     with pytest.raises(CalibrationError, match=r"in the servo and .* in the calibration"):
@@ -121,7 +121,7 @@ def test_open_refuses_register_changed_since_calibration(mount_arm, register, nu
         opened(arm)
 
 
-def test_changed_servo_tuning_is_accepted_by_calibration(mount_arm):
+def test_changed_servo_gains_do_not_invalidate_calibration(mount_arm):
     arm = mount_arm("so101")
     servo = arm.line.servos[3]
     servo.write("lock", 0)
@@ -139,7 +139,7 @@ def test_using_calibrated_arm_does_not_write_its_eeprom(mount_arm):
     assert arm.eeprom_writes() == writes
 
 
-def test_arm_with_vendor_zeros_does_not_need_calibration():
+def test_arm_with_factory_zeros_does_not_need_calibration():
     arm = make_mounted_arm("px100", 4, zero=2048, sign=1)
     with arm.open_bus() as bus:
         assert load_calibration_for(bus, load_model("px100")).zeros is ZeroSource.VENDOR
@@ -155,7 +155,7 @@ def test_uncalibrated_arm_takes_limits_from_servo_registers():
     assert limits.source == "servo register"
 
 
-def test_joint_on_another_turn_does_not_get_torque(mount_arm):
+def test_torque_on_is_refused_if_joint_is_on_another_turn(mount_arm):
     arm = mount_arm("planar3", zero=2048.0, sign=1)
     # Turned right round by hand while limp: the servo counts on until torque comes.
     arm.joint("joint1").servos[0].motor.upper_stop_rad = math.inf
@@ -176,7 +176,7 @@ def test_joint_slightly_outside_limit_is_moved_back(mount_arm):
     assert arm.true_position("joint1") == pytest.approx(upper - 0.05, abs=math.radians(1))
 
 
-def test_limp_arm_ticks_are_read_without_homing_offset():
+def test_raw_ticks_of_limp_arm_exclude_homing_offset():
     arm = make_mounted_arm("so101", 9)
     with arm.open_limp() as limp_arm:
         _, ticks = limp_arm.read_ticks()
@@ -187,7 +187,7 @@ def test_limp_arm_ticks_are_read_without_homing_offset():
         assert tick == shaft.tick_at(motor.encoder_rad) % 4096
 
 
-def test_endless_joint_is_limited_to_one_turn_of_its_servo():
+def test_continuous_joint_is_limited_to_one_turn_of_its_servo():
     joint_map = JointMap.revolute("waist", 1, 1, 2048, 4096)
     endless = Limits.of("waist", -math.inf, math.inf, "arm file")
     limits = limit_to_one_turn(endless, joint_map, Encoder(4096, 4096.0))
@@ -195,7 +195,7 @@ def test_endless_joint_is_limited_to_one_turn_of_its_servo():
     assert limits.upper.value == pytest.approx(math.pi, abs=0.01)
 
 
-def test_servo_eeproms_are_backed_up_once_at_first_contact(mount_arm, tmp_path):
+def test_servo_eeproms_are_backed_up_once_at_first_opening(mount_arm, tmp_path):
     arm = mount_arm("so101")
     with opened(arm):
         copies = sorted(path.name for path in (tmp_path / "backups").rglob("*.toml"))

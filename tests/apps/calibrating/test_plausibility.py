@@ -29,7 +29,7 @@ def shifts_of(one, *ticks):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_m", "reported"), [(0.0039, False), (0.0041, True)])
-def test_zero_of_sliding_joint_may_be_off_by_4_mm(way, shift_m, reported):
+def test_zero_shift_of_sliding_joint_is_reported_above_4_mm(way, shift_m, reported):
     ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.0205, 0.0205)]
     found = shifts_of(SLIDE, *ends)
     assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if reported else [])
@@ -37,14 +37,14 @@ def test_zero_of_sliding_joint_may_be_off_by_4_mm(way, shift_m, reported):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_m", "reported"), [(0.0019, False), (0.0021, True)])
-def test_slide_range_of_same_width_may_be_shifted_by_2_mm(way, shift_m, reported):
+def test_range_shift_of_sliding_joint_is_reported_above_2_mm(way, shift_m, reported):
     ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
     assert len(shifts_of(SLIDE, *ends)) == reported
 
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_deg", "reported"), [(4.8, False), (5.2, True), (7.1, True)])
-def test_joint_range_of_same_width_may_be_shifted_by_5_degrees(way, shift_deg, reported):
+def test_joint_range_shift_is_reported_above_5_degrees(way, shift_deg, reported):
     ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
     assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
@@ -52,7 +52,7 @@ def test_joint_range_of_same_width_may_be_shifted_by_5_degrees(way, shift_deg, r
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_deg", "reported"), [(9.9, False), (10.1, True)])
-def test_zero_of_turning_joint_may_be_off_by_10_degrees(way, shift_deg, reported):
+def test_joint_zero_shift_is_reported_above_10_degrees(way, shift_deg, reported):
     ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.53, 1.53)]
     found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
     assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
@@ -72,7 +72,7 @@ def test_zero_of_unswept_joint_is_not_checked():
     assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]
 
 
-def test_small_zero_shift_is_a_question_after_auto_sweep():
+def test_small_zero_shift_after_auto_sweep_needs_confirmation():
     hand = Hand(subject(), start=0).rest().accept()
     ends = [round(7.0 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=ends[0], high=ends[1])}

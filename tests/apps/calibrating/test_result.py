@@ -62,12 +62,12 @@ def test_multi_turn_servo_does_not_get_limits():
 
 
 @pytest.mark.parametrize("mode", [3, 4])
-def test_servo_keeps_its_mode_if_travel_allows_it(mode):
+def test_servo_keeps_operating_mode_if_travel_allows_it(mode):
     assert build(swept(), {1: {"operating_mode": mode}}).memory[1]["operating_mode"] == mode
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_sign_found_by_hand_is_saved_with_source_by_hand(sign):
+def test_source_of_joint_sign_found_by_hand_is_saved(sign):
     joint = JointMap.revolute("elbow", 1, sign, 2048, TURN)
     found = saved(swept(replace(subject(), joint_map=joint), up=1000 if sign > 0 else -1000))
     assert (found.sign, found.sign_from) == (sign, "by hand")
@@ -81,7 +81,7 @@ def test_skipped_joint_has_arm_file_sign_and_no_range(sign):
     assert (found.sign, found.sign_from, found.recorded_range()) == (sign, "arm file", None)
 
 
-def test_the_range_of_a_turning_joint_is_saved_in_degrees():
+def test_range_of_revolute_joint_is_saved_in_degrees():
     found = saved(swept(), user={"elbow": Limits.of("elbow", -0.5, 0.25, "user")})
     swept_deg = 1000 * 360 / TURN
     assert (found.lower_deg, found.upper_deg) == pytest.approx((-swept_deg, swept_deg))
@@ -91,7 +91,7 @@ def test_the_range_of_a_turning_joint_is_saved_in_degrees():
     assert (found.lower_m, found.upper_m, found.user_lower_m, found.user_upper_m) == (None,) * 4
 
 
-def test_the_range_of_a_sliding_joint_is_saved_in_metres():
+def test_range_of_sliding_joint_is_saved_in_metres():
     slide = replace(
         subject(),
         joint_map=JointMap.prismatic("elbow", 1, 1, 2048, TURN, m_per_turn=0.08),
@@ -122,7 +122,7 @@ def test_offset_makes_two_servos_of_joint_report_same_tick(lead_offset, apart):
 @pytest.mark.parametrize(
     ("off", "corrected"), [(0, False), (3, False), (-3, False), (4, True), (-4, True)]
 )
-def test_shadow_offset_off_by_three_ticks_is_kept(present, off, corrected):
+def test_second_servo_offset_that_is_3_ticks_off_is_kept(present, off, corrected):
     found = build(swept(shadow=2048 - present - off), {2: {"homing_offset": present}})
     assert found.memory[2]["homing_offset"] == (present + off if corrected else present)
 
@@ -138,12 +138,12 @@ def test_travel_across_wrap_around_is_refused_for_two_servos():
 
 
 @pytest.mark.parametrize("apart", [1024, -1024])
-def test_servos_of_joint_may_be_1024_ticks_apart(apart):
+def test_two_servos_of_joint_may_be_1024_ticks_apart(apart):
     assert build(swept(shadow=2048 - apart)).memory[2]["homing_offset"] == apart
 
 
 @pytest.mark.parametrize("apart", [1025, -1025])
-def test_servos_of_joint_more_than_1024_ticks_apart_are_refused(apart):
+def test_servos_of_joint_over_1024_ticks_apart_are_refused(apart):
     with pytest.raises(
         CalibrationError, match=f"Servo 2 of elbow is {apart} ticks away from servo 1;"
     ):

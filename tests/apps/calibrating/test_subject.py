@@ -18,7 +18,7 @@ def subject(lower, upper, pose=0.0, turn=TURN, sign=1):
 
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.5, 1), (0.51, -1), (0.49, 1)])
-def test_free_direction_points_where_joint_has_more_room(pose, towards):
+def test_free_direction_of_joint_is_towards_its_larger_range(pose, towards):
     assert subject(-1.0, 2.0, pose).free_direction == towards
 
 
@@ -27,12 +27,12 @@ def test_expected_range_in_ticks_does_not_depend_on_sign(sign):
     assert subject(-math.pi / 2, math.pi, sign=sign).expected_ticks == pytest.approx(0.75 * TURN)
 
 
-def test_direction_needs_15_deg_or_quarter_of_narrow_range():
+def test_joint_sign_needs_motion_of_15_deg_or_quarter_of_range():
     assert subject(-1.5, 1.5).min_motion_ticks == pytest.approx(15 / 360 * TURN)
     assert subject(0.0, math.pi / 4).min_motion_ticks == pytest.approx(TURN / 32)
 
 
-def test_potentiometer_direction_uses_its_own_tick_scale():
+def test_joint_sign_of_potentiometer_uses_its_tick_scale():
     assert subject(-1.5, 1.5, turn=0).min_motion_ticks == pytest.approx(15 / 360 * 1229)
 
 

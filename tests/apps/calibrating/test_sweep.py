@@ -69,7 +69,7 @@ class Hand:
         return self
 
 
-def test_pose_is_accepted_only_when_arm_is_still():
+def test_anchor_pose_is_accepted_only_when_arm_is_at_rest():
     hand = Hand(subject())
     for _ in range(40):
         hand.ticks[1] += 10
@@ -79,7 +79,7 @@ def test_pose_is_accepted_only_when_arm_is_still():
     assert hand.rest().accept().state.stage is CalibrationStage.SWEEP
 
 
-def test_reference_tick_is_mean_while_hand_trembles():
+def test_reference_tick_is_mean_of_readings_of_unsteady_hand():
     hand = Hand(subject())
     for k in range(40):
         hand.ticks[1] = 500 + (k % 2) * 3
@@ -94,16 +94,16 @@ def test_zero_comes_from_anchor_pose_not_from_middle_of_sweep():
 
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.9, -1), (-0.9, 1), (0.0, 1)])
-def test_calibration_asks_for_motion_towards_more_room(pose, towards):
+def test_calibration_asks_for_motion_towards_larger_range(pose, towards):
     assert subject(pose=pose).free_direction == towards
 
 
-def test_first_motion_in_asked_direction_confirms_sign():
+def test_first_motion_in_requested_direction_confirms_joint_sign():
     hand = Hand(subject()).rest().accept().move(400)
     assert hand.state.signs == {"elbow": 1}
 
 
-def test_opposite_sign_is_measured_twice():
+def test_opposite_joint_sign_is_measured_twice():
     hand = Hand(subject()).rest().accept().move(-400)
     assert hand.state.signs == {}
     assert hand.state.is_second_trial
@@ -131,12 +131,12 @@ def test_joint_must_return_close_to_start_before_second_trial(back, signs):
     assert hand.state.signs == signs
 
 
-def test_remeasure_clears_sign_doubt():
+def test_remeasuring_joint_clears_doubt_about_its_sign():
     hand = Hand(subject()).rest().accept().move(-400).say("remeasure elbow")
     assert not hand.state.is_second_trial
 
 
-def test_sign_is_recorded_only_for_requested_joint():
+def test_joint_sign_is_recorded_only_for_requested_joint():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     assert hand.state.current_joint.name == "a"
     hand.move(-800, 2)
@@ -146,7 +146,7 @@ def test_sign_is_recorded_only_for_requested_joint():
     assert hand.state.signs == {"a": 1}
 
 
-def test_range_is_tracked_across_encoder_wrap_around():
+def test_swept_range_is_tracked_across_encoder_wrap_around():
     hand = Hand(subject(), start=50).rest().accept().move(900).move(-1900).move(900)
     track = hand.state.tracks[1]
     assert (track.low, track.high) == (50 - 1000, 50 + 900)
@@ -158,7 +158,7 @@ def test_sweep_does_not_end_before_every_joint_has_moved():
         hand.accept()
 
 
-def test_error_names_joint_that_hardly_moved():
+def test_calibration_error_names_joint_that_hardly_moved():
     hand = Hand(subject(), margin_rad=0.5).rest().accept().move(400)
     with pytest.raises(CalibrationError, match="elbow was moved by only 400 ticks"):
         hand.accept()
@@ -178,7 +178,7 @@ def test_unmeasured_joint_is_reported_with_reason():
     ]
 
 
-def test_undo_reverts_answers_one_by_one():
+def test_calibration_undo_reverts_answers_one_by_one():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     hand.say("skip a").say("undo")
     assert hand.state.current_joint.name == "a"
@@ -188,18 +188,18 @@ def test_undo_reverts_answers_one_by_one():
     assert hand.state.stage is CalibrationStage.REFERENCE_POSE
 
 
-def test_undo_forgets_wrong_direction_of_joint():
+def test_calibration_undo_drops_wrong_direction_of_joint():
     hand = Hand(subject()).rest().accept().move(-400).say("undo").move(400)
     assert hand.state.signs == {"elbow": 1}
 
 
-def test_undo_at_review_resumes_sweep_with_its_range():
+def test_calibration_undo_at_review_resumes_sweep_with_range():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().say("undo")
     assert hand.state.stage is CalibrationStage.SWEEP
     assert hand.state.tracks[1].width == 1900
 
 
-def test_undo_at_review_keeps_motion_since_then():
+def test_calibration_undo_at_review_keeps_later_motion():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().move(-200).say("undo")
     assert hand.state.tracks[1].width == 2100
 
@@ -213,7 +213,7 @@ def test_joint_is_skipped_only_during_sweep():
         reviewed.mark_continuous("elbow")
 
 
-def test_remeasure_forgets_only_one_joint():
+def test_remeasuring_joint_keeps_data_of_other_joints():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1).move(900, 2)
     hand.say("remeasure a")
     assert hand.state.tracks[1].width == 0
@@ -221,7 +221,7 @@ def test_remeasure_forgets_only_one_joint():
     assert hand.state.current_joint.name == "a"
 
 
-def test_joint_without_stops_uses_wide_arm_file_range():
+def test_joint_without_end_stops_uses_wide_arm_file_range():
     hand = Hand(subject(lower=-3.1, upper=3.1)).rest().accept().move(4300).accept()
     assert "turns freely: the arm file's range -177.6° to 177.6° is used" in " ".join(
         warnings(hand.state)
@@ -243,21 +243,21 @@ def test_joint_turned_too_fast_must_be_remeasured():
 
 
 @pytest.mark.parametrize(("gap_s", "lost"), [(0.3, False), (0.5, False), (0.7, True)])
-def test_turn_is_lost_if_hand_could_make_one_in_reading_gap(gap_s, lost):
+def test_turn_count_is_lost_if_gap_allows_an_unseen_turn(gap_s, lost):
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.at_s += gap_s
     hand.move(300, step=300)
     assert hand.state.tracks[1].lost is lost
 
 
-def test_undo_does_not_restore_lost_range():
+def test_undo_does_not_restore_range_of_lost_turn_count():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.move(1500, step=1500).say("remeasure elbow").say("undo")
     with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
         hand.accept()
 
 
-def test_a_range_that_fits_only_mirrored_is_refused():
+def test_swept_range_that_fits_only_mirrored_is_refused():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
@@ -286,7 +286,7 @@ def test_joint_with_known_range_does_not_need_sweep():
     assert hand.state.stage is CalibrationStage.REVIEW
 
 
-def test_joint_readouts_show_progress_of_each_joint():
+def test_calibration_readouts_show_progress_of_each_joint():
     hand = Hand(subject("a", 1), subject("b", 2), subject("c", 3)).rest().accept()
     hand.move(900, 1).move(-1900, 1).move(900, 2).say("skip c")
     states = {meter.name: meter.state for meter in joint_readouts(hand.state)}
@@ -297,7 +297,7 @@ def test_joint_readouts_show_progress_of_each_joint():
     }
 
 
-def test_sign_that_contradicts_arm_file_is_reported_early():
+def test_joint_sign_that_contradicts_arm_file_is_reported_early():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
     assert "elbow: its sign, measured twice, contradicts the arm file" in " ".join(
         warnings(hand.state)
@@ -319,19 +319,19 @@ def test_shifted_range_reveals_wrong_anchor_pose(shift):
     [(650, 1300), (750, 1500), (650, 900), (560, 1200)],
     ids=["exact", "stops beyond both limits", "swept in part", "a few degrees off"],
 )
-def test_plausible_range_does_not_report_zero_shift(up, down):
+def test_plausible_swept_range_reports_no_zero_shift(up, down):
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(up, step=1).move(-down, step=1)
     assert list(find_shifted_zeros(hand.accept().state)) == []
 
 
 @pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])
-def test_unknown_answers_are_refused(word):
+def test_unknown_calibration_answers_are_refused(word):
     with pytest.raises(BadValueError, match="answer"):
         Hand(subject()).rest().accept().say(word)
 
 
-def test_answer_with_unknown_joint_names_known_joints():
+def test_calibration_answer_for_unknown_joint_lists_known_ones():
     with pytest.raises(UnknownNameError, match="elbow"):
         Hand(subject()).rest().accept().say("skip elbwo")
 
@@ -352,36 +352,36 @@ def scripted(hand, script, moves):
     return messages
 
 
-def test_default_script_accepts_still_pose_and_full_sweep():
+def test_default_calibration_script_accepts_pose_and_full_sweep():
     hand = Hand(subject())
     moves = [None] * 60 + [900, -1900, 900]
     assert scripted(hand, ScriptedAnswers(), moves) == ["accept", "accept"]
 
 
-def test_script_answers_are_given_in_order():
+def test_scripted_calibration_answers_are_given_in_order():
     hand = Hand(subject("a", 1), subject("b", 2))
     script = ScriptedAnswers(["accept", "skip a", "continuous b", "accept"])
     moves = [None] * 60 + [900, -1900]
     assert scripted(hand, script, moves) == ["accept", "skip a", "continuous b", "accept"]
 
 
-def test_default_script_times_out_if_joint_is_never_moved():
+def test_default_calibration_script_times_out_without_motion():
     with pytest.raises(CalibrationError, match="elbow has not been moved yet"):
         scripted(Hand(subject()), ScriptedAnswers(), [])
 
 
-def test_script_that_ends_too_early_is_refused():
+def test_calibration_script_that_ends_too_early_is_refused():
     with pytest.raises(CalibrationError, match="script ended"):
         scripted(Hand(subject()), ScriptedAnswers(["accept"]), [])
 
 
-def test_script_is_read_with_comments(tmp_path):
+def test_calibration_script_may_contain_comments(tmp_path):
     path = tmp_path / "script"
     path.write_text("accept   # the pose\n\nskip wrist_roll\naccept\n")
     assert read_script(path) == ["accept", "skip wrist_roll", "accept"]
 
 
-def test_script_error_names_its_line(tmp_path):
+def test_calibration_script_error_states_line_number(tmp_path):
     path = tmp_path / "script"
     path.write_text("accept\nskpi wrist_roll\n")
     with pytest.raises(FileFormatError, match="line 2"):

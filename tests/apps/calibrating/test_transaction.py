@@ -102,7 +102,7 @@ def start_again(arm, finish):
 @pytest.mark.parametrize("had_file", [False, True], ids=["first time", "again"])
 @pytest.mark.parametrize("finish", [resume, roll_back], ids=["resume", "revert"])
 @pytest.mark.parametrize("name", ["planar2", pytest.param("planar3", marks=pytest.mark.campaign)])
-def test_power_cut_before_any_write_leaves_old_or_new_values(name, finish, had_file, monkeypatch):
+def test_power_cut_at_any_write_leaves_old_or_new_values(name, finish, had_file, monkeypatch):
     arm, outcome = arm_and_outcome(name)
     before = state_of(arm)[0]
     old_text = dump_calibration(as_delivered(arm, outcome.calibration))
@@ -152,7 +152,7 @@ def test_thousand_random_power_cuts_leave_old_or_new_values(monkeypatch, tmp_pat
             check_consistent(arm, finish, olds[name], truths[name][1], None)
 
 
-def test_cable_lost_during_save_names_resume_and_revert(monkeypatch):
+def test_cable_lost_during_calibration_save_suggests_resume(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     write, writes = arm.port.write, []
 
@@ -171,7 +171,7 @@ def test_cable_lost_during_save_names_resume_and_revert(monkeypatch):
     assert isinstance(caught.value.__cause__, PortLostError)
 
 
-def test_servo_that_refuses_write_rolls_everything_back(monkeypatch):
+def test_servo_that_refuses_write_causes_full_rollback(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     before = state_of(arm)
     arm.line.servos[2].write("torque_enable", 1)
@@ -200,14 +200,14 @@ def test_eeproms_are_locked_again_after_save():
     assert all(servo.read("lock") == 1 for servo in arm.line.servos.values())
 
 
-def test_damaged_journal_gives_one_clear_error():
+def test_damaged_calibration_journal_gives_one_clear_error():
     path = journal_path("planar2", "")
     write_atomic(path, "checksum = 7\n")
     with pytest.raises(FileFormatError, match=r"Remove it, then .*calibration diff"):
         read_journal(path)
 
 
-def test_journal_that_cannot_be_written_changes_nothing(monkeypatch):
+def test_unwritable_calibration_journal_changes_nothing(monkeypatch):
     arm, outcome = arm_and_outcome("planar2")
     before = state_of(arm)
     fsync = os.fsync
@@ -226,7 +226,7 @@ def test_journal_that_cannot_be_written_changes_nothing(monkeypatch):
 
 @pytest.mark.parametrize("act", [recover, resume, roll_back])
 @pytest.mark.parametrize("change", [(9, "homing_offset"), (1, "goal_pwm")], ids=["id", "register"])
-def test_a_journal_of_another_servo_gives_one_clear_error(act, change):
+def test_calibration_journal_of_another_servo_gives_clear_error(act, change):
     arm, _ = arm_and_outcome("planar2")
     before, (servo_id, register) = state_of(arm), change
     changes = (EepromChange(id=servo_id, old={register: 0}, new={register: 5}),)

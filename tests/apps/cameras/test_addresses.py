@@ -96,7 +96,7 @@ def serving(blocks):
         server.shutdown(socket.SHUT_RDWR)
 
 
-def test_camera_at_an_address_delivers_its_pictures():
+def test_network_camera_delivers_its_pictures():
     with serving(lambda: forever(PARTS, PART + JPEG + b"\r\n", 0.01)) as address:
         camera = open_capture(address)
         assert camera.isOpened()
@@ -112,7 +112,7 @@ def test_camera_at_an_address_delivers_its_pictures():
     assert camera.read() == (False, None)
 
 
-def test_missing_network_camera_is_not_opened():
+def test_missing_network_camera_is_refused():
     assert not open_capture("rtsp://127.0.0.1:1/live").isOpened()
     assert not open_capture("x" * 5000).isOpened()
 
@@ -120,7 +120,7 @@ def test_missing_network_camera_is_not_opened():
 @pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory")
 @pytest.mark.parametrize("blocks", HOSTILE.values(), ids=HOSTILE)
-def test_hostile_camera_costs_bounded_time_and_memory(blocks):
+def test_hostile_network_camera_uses_bounded_time_and_memory(blocks):
     with serving(blocks) as address:
         ran = subprocess.run(
             [sys.executable, "-c", TRY, address], capture_output=True, timeout=60, check=True

@@ -82,7 +82,7 @@ def test_simulated_camera_shows_board_at_its_pose(camera):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_simulated_camera_has_same_place_for_any_start_pose(name):
+def test_simulated_camera_pose_does_not_depend_on_arm_pose(name):
     arm = read_arm_file(CONFIGS / name / "arm.toml")
     worlds = [make_arm_world(arm, pose) for pose in ("home", "rest")]
     cameras = [SimulatedCamera(world, BOARD.opencv()) for world in worlds]
@@ -104,7 +104,7 @@ def test_picture_without_usable_board_is_refused_with_reason(camera, spoil, mess
         find_board(BOARD, spoil(camera.take()))
 
 
-def test_error_says_picture_shows_another_board(camera):
+def test_picture_of_another_board_is_refused(camera):
     with pytest.raises(CalibrationError, match=r"a board other than 7x5"):
         find_board(Board.named("7x5-12mm-4x4"), camera.take())
 

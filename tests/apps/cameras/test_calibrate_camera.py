@@ -25,7 +25,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.timeout(600)
-def test_camera_calibration_is_found_saved_used_and_undone(monkeypatch, run_cli):
+def test_camera_calibration_is_estimated_saved_used_and_undone(monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     path = calibration_path("so101", SERIAL)

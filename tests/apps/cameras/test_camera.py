@@ -25,14 +25,14 @@ def arm(tmp_path, monkeypatch):
         yield arm
 
 
-def test_table_point_and_pixel_convert_both_ways(arm):
+def test_table_point_and_pixel_are_converted_both_ways(arm):
     for point in ([0.25, 0.05, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.04]):
         u, v = arm.camera.pixel(point)
         found = arm.camera.point_on_table(u, v, height_m=point[2])
         np.testing.assert_allclose(found, point, atol=1e-7)
 
 
-def test_camera_sees_thing_in_front_of_table(arm):
+def test_camera_ray_hits_obstacle_before_table(arm):
     arm.scene.add("box", "the crate", centre_m=(0.25, 0.1, 0.03), size_m=(0.06, 0.06, 0.06))
     u, v = arm.camera.pixel((0.25, 0.1, 0.06))
     seen = arm.camera.point_seen(u, v)
@@ -43,7 +43,7 @@ def test_camera_sees_thing_in_front_of_table(arm):
     assert arm.camera.point_seen(u, v).thing is None
 
 
-def test_camera_sees_ball_and_cylinder_surfaces(arm):
+def test_camera_ray_hits_surface_of_ball_and_cylinder(arm):
     ball, radius = np.array([0.25, 0.1, 0.05]), 0.04
     arm.scene.add("sphere", "the ball", centre_m=ball, radius_m=radius)
     arm.scene.add("cylinder", "the can", centre_m=(0.2, -0.1, 0.05), radius_m=0.03, height_m=0.1)
@@ -60,7 +60,7 @@ def test_camera_sees_ball_and_cylinder_surfaces(arm):
     assert np.hypot(x - 0.2, y + 0.1) == pytest.approx(0.03, abs=1e-6) or z == pytest.approx(0.1)
 
 
-def test_invisible_points_are_refused_in_one_sentence(arm):
+def test_points_that_camera_cannot_see_are_refused(arm):
     with pytest.raises(InputError, match="does not meet the table"):
         arm.camera.point_on_table(480, 360, height_m=2.0)
     with pytest.raises(BadValueError, match="Expected finite numbers"):
@@ -109,7 +109,7 @@ def test_stored_lens_with_invalid_numbers_is_refused(arm, wrong):
         arm.camera.point_on_table(480, 500)
 
 
-def test_camera_inside_box_around_ball_sees_ball():
+def test_camera_ray_from_inside_bounding_box_hits_ball():
     eye, ball = np.full(3, 0.09), np.zeros(SHAPE_WIDTH)
     ball[:9], ball[ROUNDING] = np.eye(3).ravel(), 0.1
     towards = Ray(eye, np.full(3, -1 / math.sqrt(3)))

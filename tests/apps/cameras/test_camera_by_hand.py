@@ -85,7 +85,7 @@ def errors_over_workspace_m(arm, camera, name="so101"):
 
 @pytest.mark.full
 @pytest.mark.timeout(600)
-def test_hand_moved_arm_calibration_is_saved_and_undone(monkeypatch, run_cli):
+def test_camera_calibration_by_hand_is_saved_and_undone(monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0, compliance=0.0)
     person = Person(arm, camera)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: person)
@@ -133,7 +133,7 @@ def save_compliances(name, seed, wrong=0.0):
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_calibration_by_hand_with_known_compliance_reaches_4_mm(monkeypatch, capsys, name, share):
+def test_camera_calibration_by_hand_reaches_4_mm(monkeypatch, capsys, name, share):
     everywhere_m = []
     for seed in part_of(5):
         arm, camera = arm_before_a_camera(monkeypatch, name, seed)
@@ -153,7 +153,7 @@ def test_calibration_by_hand_with_known_compliance_reaches_4_mm(monkeypatch, cap
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_calibration_by_hand_keeps_known_compliance(monkeypatch, run_cli, share):
+def test_camera_calibration_by_hand_keeps_known_compliance(monkeypatch, run_cli, share):
     arm, camera = hidden_arm(monkeypatch, "so101", 1)
     joints = save_compliances("so101", 1)
     person = Person(arm, camera)
@@ -171,7 +171,7 @@ def test_calibration_by_hand_keeps_known_compliance(monkeypatch, run_cli, share)
 
 
 @pytest.mark.campaign
-def test_calibration_by_hand_uses_only_pictures_taken_at_rest(monkeypatch):
+def test_camera_calibration_by_hand_uses_pictures_at_rest_only(monkeypatch):
     result, said, *_ = run_by_hand(monkeypatch)
     assert result.pictures == 12
     assert [line for line in said if line.startswith("picture")] == [
@@ -192,18 +192,18 @@ def test_calibration_by_hand_uses_only_pictures_taken_at_rest(monkeypatch):
         (lambda picture, _: np.full_like(picture, 100), "same picture"),
     ],
 )
-def test_calibration_by_hand_ends_if_board_is_never_seen(monkeypatch, spoil, message):
+def test_camera_calibration_by_hand_ends_if_board_is_never_seen(monkeypatch, spoil, message):
     monkeypatch.setattr("ikservo.apps.cameras.camera_by_hand._WAIT_S", 3.0)
     with pytest.raises(CalibrationError, match=message):
         run_by_hand(monkeypatch, spoil)
 
 
-def test_calibration_by_hand_refuses_arm_with_torque_on(monkeypatch):
+def test_camera_calibration_by_hand_refuses_arm_with_torque_on(monkeypatch):
     with pytest.raises(CalibrationError, match="no longer limp"):
         run_by_hand(monkeypatch, meanwhile=lambda opened: opened.enable())
 
 
-def test_calibration_by_hand_needs_confirmation_and_camera(monkeypatch, run_cli):
+def test_camera_calibration_by_hand_needs_consent_and_camera(monkeypatch, run_cli):
     _, camera = hidden_arm(monkeypatch, "so101", 3)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: camera)
     words = f"calibrate so101 --port {PORT} --by-hand"

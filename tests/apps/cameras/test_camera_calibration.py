@@ -52,7 +52,7 @@ def vanish(_):
         (hunt(), "brightness of the picture keeps changing"),
     ],
 )
-def test_arm_does_not_move_before_board_is_seen(monkeypatch, spoil, message):
+def test_camera_calibration_moves_arm_only_once_board_is_seen(monkeypatch, spoil, message):
     arm, camera = hidden_arm(monkeypatch, "so101", 1)
     with open_own_arm(load_model("so101"), PORT) as opened:
         session = CameraCalibration(opened, SpoiledCamera(camera, 0, spoil), BOARD, 12)
@@ -65,7 +65,7 @@ def test_arm_does_not_move_before_board_is_seen(monkeypatch, spoil, message):
 
 
 @pytest.mark.full
-def test_frozen_camera_picture_ends_calibration(monkeypatch):
+def test_frozen_camera_picture_ends_camera_calibration(monkeypatch):
     _, camera = hidden_arm(monkeypatch, "so101", 2)
     frozen = camera.take()
     with open_own_arm(load_model("so101"), PORT) as opened:
@@ -76,7 +76,7 @@ def test_frozen_camera_picture_ends_calibration(monkeypatch):
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("count", "suffices"), [(14, True), (40, False)])
-def test_half_of_requested_pictures_suffices(monkeypatch, count, suffices):
+def test_calibration_needs_at_least_half_of_requested_pictures(monkeypatch, count, suffices):
     _, camera = hidden_arm(monkeypatch, "so101", 1)
     hidden = "ikservo.apps.cameras.camera_calibration.is_visible"
     monkeypatch.setattr(hidden, lambda _board, _lens, poses: np.zeros(len(poses), bool))

@@ -39,7 +39,7 @@ def move_camera(monkeypatch):
 
 
 @pytest.mark.full
-def test_camera_check_finds_camera_unmoved(run_cli):
+def test_camera_check_passes_if_camera_has_not_moved(run_cli):
     found = run_cli(f"camera check {ARM} --camera sim --json")
     assert (found.code, found.json["moved"], found.json["board"]) == (0, False, "gripper")
     assert found.json["off_m"] < 0.001
@@ -65,7 +65,7 @@ def test_moved_camera_is_detected_and_refused_until_moved_back(run_cli, move_cam
 
 
 @pytest.mark.full
-def test_a_board_on_the_table_is_remembered_and_compared(run_cli, move_camera):
+def test_board_on_table_is_stored_as_reference_and_compared(run_cli, move_camera):
     move_camera([-0.05, 0.0, 0.0])  # which is, for a camera that stands, a board elsewhere
     found = run_cli(f"camera check {ARM} --camera sim --remember --json")
     assert found.code == 0
@@ -76,7 +76,7 @@ def test_a_board_on_the_table_is_remembered_and_compared(run_cli, move_camera):
     assert run_cli(f"camera check {ARM} --camera sim").code == 6
 
 
-def test_a_board_that_is_still_on_the_gripper_is_not_remembered(run_cli, move_camera):
+def test_board_on_gripper_is_not_stored_as_table_reference(run_cli, move_camera):
     for by_m in (0.0, 0.01):  # pushed on the gripper since
         move_camera([by_m, 0.0, 0.0])
         refused = run_cli(f"camera check {ARM} --camera sim --remember")
@@ -86,7 +86,7 @@ def test_a_board_that_is_still_on_the_gripper_is_not_remembered(run_cli, move_ca
     assert (found.code, found.json["board"]) == (0, "gripper")
 
 
-def test_look_prints_point_of_pixel_and_moves_there(run_cli, camera):
+def test_look_command_prints_point_of_pixel_and_moves_there(run_cli, camera):
     there = np.linalg.inv(camera.T_base_camera) @ [0.27, 0.06, 0.04, 1.0]
     lens = np.array([[900.0, 0, 480.0], [0, 900.0, 360.0], [0, 0, 1.0]])
     px, _ = cv2.projectPoints(
@@ -139,7 +139,7 @@ def test_look_prints_point_of_pixel_and_moves_there(run_cli, camera):
         ("camera checks", 2, "check"),
     ],
 )
-def test_bad_camera_input_gives_one_sentence(run_cli, words, code, text):
+def test_bad_camera_command_input_gives_one_error(run_cli, words, code, text):
     done = run_cli(words)
     assert done.code == code, (done.out, done.err)
     assert text in done.err
@@ -155,7 +155,9 @@ def test_bad_camera_input_gives_one_sentence(run_cli, words, code, text):
         (lambda picture: cv2.resize(picture, (1200, 900)), 6, "1200 x 900"),
     ],
 )
-def test_bad_picture_leaves_camera_calibration_unchanged(run_cli, monkeypatch, spoil, code, text):
+def test_unusable_picture_leaves_camera_calibration_unchanged(
+    run_cli, monkeypatch, spoil, code, text
+):
     take = SimulatedCamera.take
     monkeypatch.setattr(SimulatedCamera, "take", lambda self: spoil(take(self)))
     done = run_cli(f"camera check {ARM} --camera sim")

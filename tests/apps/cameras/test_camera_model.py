@@ -52,7 +52,7 @@ def test_camera_model_matches_opencv_and_inverts_to_rays(distortion):
 
 
 @pytest.mark.parametrize("distortion", LENSES)
-def test_points_far_beside_picture_project_outside_it(distortion):
+def test_points_far_outside_view_project_outside_picture(distortion):
     camera = camera_of(distortion)
     angles = np.linspace(0.0, 2 * math.pi, 24)
     rays = np.array([[math.cos(a), math.sin(a)] for a in angles])
@@ -67,7 +67,7 @@ def test_pixel_outside_picture_is_refused(pixel):
         camera_of(LENSES[1]).ray(*pixel)
 
 
-def test_ray_meets_level_plane_below_and_boxes_from_outside():
+def test_camera_ray_meets_plane_below_and_boxes_from_outside():
     down = np.array([0.6, 0.0, -0.8])
     sight = Ray(np.array([0.0, 0.0, 0.4]), down)
     np.testing.assert_allclose(sight.at(sight.distance_to_level_m(0.0)), [0.3, 0.0, 0.0])
@@ -93,7 +93,7 @@ def test_strongly_distorted_lens_is_inverted_everywhere():
             np.testing.assert_allclose(camera.project(seen)[0], (u, v), atol=1e-6)
 
 
-def test_pixel_without_line_of_sight_is_refused():
+def test_pixel_without_valid_ray_is_refused():
     lens = np.array([[327.0, 0, 333.5], [0, 327.0, 243.5], [0, 0, 1.0]])
     folded = np.array([0.0, 0.0, 0.0, 0.6, 0.0])  # to the left nothing is seen
     camera = CameraModel(Intrinsics(lens, folded, (640, 480)), np.eye(4))

@@ -98,7 +98,7 @@ def in_mm(errors_m):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_tip_clicks_find_last_joint_zero_unseen_by_the_board(tmp_path, monkeypatch):
+def test_tip_clicks_find_last_joint_zero_that_board_cannot(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     name = "open_manipulator_x"
     clicked, _, camera = errors_of_an_arm(monkeypatch, name, 2, 14, 6)

@@ -15,7 +15,7 @@ from .arms import SimulatedArm
 
 
 @pytest.mark.full
-def test_camera_fit_finds_hidden_arms_to_1_mm(make_arm):
+def test_camera_fit_reduces_median_tip_error_below_1_mm(make_arm):
     before, after = [], []
     for seed in range(4):
         arm = make_arm(seed)
@@ -31,7 +31,7 @@ def test_camera_fit_finds_hidden_arms_to_1_mm(make_arm):
 
 
 @pytest.mark.full
-def test_leave_one_out_error_matches_error_of_new_samples(make_arm):
+def test_leave_one_out_error_predicts_error_of_new_samples(make_arm):
     arm = make_arm(1)
     estimate = estimate_camera(arm.known, arm.samples(across_m=0.001))
     fresh = estimate.fit.residuals(arm.samples(50, across_m=0.001))
@@ -40,7 +40,7 @@ def test_leave_one_out_error_matches_error_of_new_samples(make_arm):
 
 
 @pytest.mark.full
-def test_rigid_arm_with_right_zeros_stays_unchanged(make_arm):
+def test_camera_fit_leaves_exact_rigid_arm_unchanged(make_arm):
     arm = make_arm(2, zeros=0.0, compliance=0.0, half_play=0.0)
     fit = estimate_camera(arm.known, arm.samples(across_m=0.001)).fit
     assert np.abs(fit.zeros).max() < np.radians(0.4)
@@ -48,7 +48,7 @@ def test_rigid_arm_with_right_zeros_stays_unchanged(make_arm):
     assert arm.tip_errors_m(fit, arm.postures(50)).max() < 0.002
 
 
-def test_undetermined_parameters_are_kept_and_marked(make_arm):
+def test_camera_fit_keeps_and_marks_undetermined_parameters(make_arm):
     # The zero of the first joint turns the camera about the arm, that of the last the board.
     known = make_arm(3).known
     known = replace(known, compliance=np.array([0.07, 0.0, 0.0, 0.0, 0.0]))
@@ -62,7 +62,7 @@ def test_undetermined_parameters_are_kept_and_marked(make_arm):
     assert named["shoulder_lift compliance"].is_determined
 
 
-def test_zero_seen_only_through_bending_is_left_at_0(monkeypatch):
+def test_joint_zero_seen_only_through_bending_is_not_fitted(monkeypatch):
     model, chance = load_model("open_manipulator_x"), np.random.default_rng(1)
     lifts = np.array([0.0, 1.0, 1.0, 1.0])
     bending = Bending(
@@ -80,7 +80,7 @@ def test_zero_seen_only_through_bending_is_left_at_0(monkeypatch):
     assert np.median(arm.tip_errors_m(fit, arm.postures(50))) < 0.001
 
 
-def test_compliances_are_found_and_never_negative(make_arm):
+def test_camera_fit_finds_compliances_that_are_not_negative(make_arm):
     arm = make_arm(4, half_play=0.0)
     fit = fit_camera(arm.known, arm.samples(30), Extent.ARM)
     assert fit.bending.compliance[1:3] == pytest.approx(arm.bending.compliance[1:3], abs=0.03)
@@ -89,7 +89,7 @@ def test_compliances_are_found_and_never_negative(make_arm):
 
 @pytest.mark.full
 @pytest.mark.parametrize("wrong", [(3,), (0, 7, 19, 20)])
-def test_wrong_pictures_are_rejected_and_do_not_affect_fit(make_arm, wrong):
+def test_camera_fit_rejects_outlier_pictures(make_arm, wrong):
     arm = make_arm(5)
     samples = arm.samples()
     right = [sample for i, sample in enumerate(samples) if i not in wrong]
@@ -105,7 +105,7 @@ def test_wrong_pictures_are_rejected_and_do_not_affect_fit(make_arm, wrong):
     assert np.abs(off[:, :3, 3]).max() < 0.0002
 
 
-def test_pictures_that_contradict_each_other_are_refused(make_arm):
+def test_camera_fit_refuses_contradictory_pictures(make_arm):
     arm = make_arm(6)
     samples = arm.samples(16)
     mixed = [BoardSample(s.q, samples[(7 * i) % 16].T_camera_board) for i, s in enumerate(samples)]
@@ -114,7 +114,7 @@ def test_pictures_that_contradict_each_other_are_refused(make_arm):
         estimate_camera(arm.known, mixed)
 
 
-def test_wrong_board_size_is_noticed_as_scale(make_arm):
+def test_wrong_board_size_is_detected_by_fitted_scale(make_arm):
     arm = make_arm(7)
     shrunk = [
         BoardSample(s.q, make_pose(s.T_camera_board[:3, 3] / 1.03, s.T_camera_board[:3, :3]))
@@ -124,6 +124,6 @@ def test_wrong_board_size_is_noticed_as_scale(make_arm):
     assert fit.scale == pytest.approx(0.03, abs=0.01)
 
 
-def test_five_pictures_are_refused_as_too_few(make_arm):
+def test_camera_fit_refuses_five_pictures_as_too_few(make_arm):
     with pytest.raises(CalibrationError, match="seen in 5 pictures; at least 6"):
         estimate_camera(make_arm().known, make_arm().samples(5))

@@ -28,7 +28,7 @@ WITH_SECRETS = {
 
 
 @pytest.mark.parametrize(("source", "name"), WITH_SECRETS.values(), ids=WITH_SECRETS)
-def test_public_source_leaves_out_secrets(source, name):
+def test_displayed_camera_source_omits_password(source, name):
     assert public_source(source) == name
     assert public_source(name) == name
 
@@ -44,7 +44,7 @@ def test_public_source_leaves_out_secrets(source, name):
         "rtsp://cam/1",
     ],
 )
-def test_public_source_keeps_source_without_secret(source):
+def test_displayed_camera_source_without_secret_is_unchanged(source):
     assert public_source(source) == source
 
 
@@ -90,7 +90,7 @@ def test_picture_file_can_be_read_repeatedly(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("content", [b"hello", b"\x89PNG\r\n\x1a\nxx"])
-def test_damaged_picture_file_is_not_called_an_unplugged_camera(tmp_path, content):
+def test_damaged_picture_file_is_not_reported_as_unplugged(tmp_path, content):
     pytest.importorskip("cv2")
     from ikservo.apps.cameras.board_detection import LiveCamera
 

@@ -29,7 +29,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_saved_pictures_repeat_calibration_and_report_damage(tmp_path, monkeypatch, run_cli):
+def test_camera_calibration_is_repeated_from_saved_pictures(tmp_path, monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
     person = Person(arm, camera)
     monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: person)
@@ -75,7 +75,7 @@ def test_empty_picture_folder_is_refused(tmp_path, run_cli):
     assert (done.code, "No picture shows the board" in done.err) == (6, True)
 
 
-def test_folder_without_index_or_extra_options_are_refused(tmp_path, run_cli):
+def test_camera_repeat_refuses_bad_folder_and_extra_options(tmp_path, run_cli):
     missing = run_cli(f"{REPEAT} {tmp_path}")
     assert (missing.code, "pictures.toml" in missing.err) == (2, True)
     assert "Leave those out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
@@ -84,7 +84,7 @@ def test_folder_without_index_or_extra_options_are_refused(tmp_path, run_cli):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(600)
-def test_stopped_calibration_keeps_its_pictures(monkeypatch, run_cli):
+def test_stopped_camera_calibration_keeps_its_pictures(monkeypatch, run_cli):
     keep, taken = CameraCalibration._keep, []
 
     def interrupted(self, picture):
@@ -113,7 +113,9 @@ def test_stopped_calibration_keeps_its_pictures(monkeypatch, run_cli):
         (0, True, "", False),
     ],
 )
-def test_stopped_calibration_says_how_to_go_on(tmp_path, capsys, taken, chosen, said, stays):
+def test_stopped_camera_calibration_says_how_to_continue(
+    tmp_path, capsys, taken, chosen, said, stays
+):
     folder = tmp_path / "pictures"
     folder.mkdir()
     for number in range(taken):
@@ -126,7 +128,7 @@ def test_stopped_calibration_says_how_to_go_on(tmp_path, capsys, taken, chosen, 
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)])
-def test_signal_while_picture_is_taken_says_how_to_go_on(tmp_path, capsys, number):
+def test_signal_while_taking_picture_says_how_to_continue(tmp_path, capsys, number):
     folder = tmp_path / "pictures"
     folder.mkdir()
     for i in range(6):

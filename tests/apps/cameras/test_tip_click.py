@@ -63,7 +63,7 @@ def blind_posture(arm, camera, opened):
     return tried[np.argmin(moved)]
 
 
-def test_tip_click_finds_zero_and_camera_check_stays_right(mistaken, opened):
+def test_tip_click_corrects_zero_and_keeps_camera_check_valid(mistaken, opened):
     arm, camera = mistaken
     found = click(opened, tip_pixel(arm, camera))
     assert found.joint == JOINT
@@ -88,7 +88,7 @@ def test_tip_click_finds_zero_and_camera_check_stays_right(mistaken, opened):
         ((0.0, 120.0), "tip can reach"),
     ],
 )
-def test_click_far_from_possible_tip_positions_is_refused(mistaken, opened, away_px, text):
+def test_tip_click_far_from_possible_positions_is_refused(mistaken, opened, away_px, text):
     u, v = tip_pixel(*mistaken)
     with pytest.raises(CalibrationError, match=text):
         click(opened, (u + away_px[0], v + away_px[1]))
@@ -96,7 +96,7 @@ def test_click_far_from_possible_tip_positions_is_refused(mistaken, opened, away
         click(opened, (u, 4000.0))
 
 
-def test_click_that_implies_zero_off_by_10_degrees_is_refused(tmp_path, monkeypatch):
+def test_tip_click_implying_zero_error_of_10_deg_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     arm, camera = mistaken_tip(monkeypatch, off_deg=10.5)
     with open_own_arm(load_model(ARM), PORT) as opened:
@@ -105,7 +105,7 @@ def test_click_that_implies_zero_off_by_10_degrees_is_refused(tmp_path, monkeypa
             click(opened, tip_pixel(arm, camera))
 
 
-def test_click_in_insensitive_posture_suggests_a_better_one(mistaken, opened):
+def test_tip_click_in_insensitive_posture_suggests_another(mistaken, opened):
     arm, camera = mistaken
     opened.move_joints(
         dict(zip(opened.chain.names, blind_posture(arm, camera, opened), strict=True))
@@ -137,7 +137,7 @@ def zero_error_deg(arm):
         return np.degrees(arm.true_position(JOINT) - measured)
 
 
-def test_clicks_in_more_postures_reduce_zero_error(mistaken):
+def test_tip_clicks_in_more_postures_reduce_zero_error(mistaken):
     arm, camera = mistaken
     assert "tip_clicks" not in calibration_path(ARM, SERIAL).read_text()
     found = [clicked(arm, camera) for _ in range(3)]
@@ -156,7 +156,7 @@ def test_clicks_in_more_postures_reduce_zero_error(mistaken):
     assert load_calibration(ARM, SERIAL).camera.tip_clicks == found[1].calibration.camera.tip_clicks
 
 
-def test_mean_of_clicks_is_nearer_than_worst_click(mistaken):
+def test_mean_of_tip_clicks_is_better_than_worst_click(mistaken):
     arm, camera = mistaken
     chance = np.random.default_rng(3)
     found = save_clicks(arm, camera, chance, count=6)
@@ -165,7 +165,7 @@ def test_mean_of_clicks_is_nearer_than_worst_click(mistaken):
     assert found.error_deg < 0.5 * off_deg.max()
 
 
-def test_disagreeing_click_is_reported_and_does_not_count(mistaken):
+def test_outlier_tip_click_is_reported_and_ignored(mistaken):
     arm, camera = mistaken
     clicked(arm, camera)
     two = clicked(arm, camera, wrong_deg=4.0)
@@ -179,7 +179,7 @@ def test_disagreeing_click_is_reported_and_does_not_count(mistaken):
     assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
 
 
-def test_user_is_warned_if_half_of_clicks_do_not_count(mistaken):
+def test_warning_is_given_if_half_of_tip_clicks_are_ignored(mistaken):
     arm, camera = mistaken
     clicked(arm, camera)
     clicked(arm, camera)
@@ -189,7 +189,7 @@ def test_user_is_warned_if_half_of_clicks_do_not_count(mistaken):
     assert "Half of the clicks or more were ignored" in str(four)
 
 
-def test_clicks_in_one_picture_share_camera_error(mistaken, opened):
+def test_tip_clicks_in_one_picture_share_its_camera_error(mistaken, opened):
     pixel = np.array(tip_pixel(*mistaken))
     around = [tuple(pixel + each) for each in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))]
     once, found = click(opened, pixel), find_tip_zero(opened, around, WHEN)
@@ -199,7 +199,7 @@ def test_clicks_in_one_picture_share_camera_error(mistaken, opened):
     assert found.error_deg == pytest.approx(error_deg, rel=0.02)
 
 
-def test_click_is_refused_for_zero_that_calibration_determined(mistaken, opened):
+def test_tip_click_is_refused_for_zero_already_calibrated(mistaken, opened):
     known = load_calibration(ARM, SERIAL)
     shown = known.camera.model_copy(update={"tip_shows": None})
     save_calibration(known.with_cameras({"": shown}))
@@ -207,14 +207,14 @@ def test_click_is_refused_for_zero_that_calibration_determined(mistaken, opened)
         click(opened, tip_pixel(*mistaken))
 
 
-def test_click_is_refused_if_calibration_changed_after_opening(mistaken, opened):
+def test_tip_click_is_refused_after_calibration_has_changed(mistaken, opened):
     found = click(opened, tip_pixel(*mistaken))
     save_tip_zero(opened, found)
     with pytest.raises(CalibrationError, match="changed since the arm was opened"):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_tip_zero_does_not_overwrite_newer_calibration(mistaken, opened):
+def test_tip_click_does_not_overwrite_newer_calibration(mistaken, opened):
     found = click(opened, tip_pixel(*mistaken))
     known = load_calibration(ARM, SERIAL)
     other = known.model_copy(update={"written": known.written + timedelta(seconds=1)})
@@ -224,7 +224,7 @@ def test_tip_zero_does_not_overwrite_newer_calibration(mistaken, opened):
     assert load_calibration(ARM, SERIAL) == other
 
 
-def test_click_is_refused_if_camera_has_moved(mistaken, opened):
+def test_tip_click_is_refused_if_camera_has_moved(mistaken, opened):
     _, known = load_camera(ARM, SERIAL)
     check = CameraCheck(seen=SEEN, off_mm=20, moved_mm=31.4, turned_deg=2.0, has_moved=True)
     save_camera(ARM, SERIAL, known.model_copy(update={"check": check}))
@@ -232,13 +232,13 @@ def test_click_is_refused_if_camera_has_moved(mistaken, opened):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_click_is_refused_while_arm_moves(mistaken, opened):
+def test_tip_click_is_refused_while_arm_moves(mistaken, opened):
     opened.disable_torque()
     with pytest.raises(CalibrationError, match="The arm is moving"):
         click(opened, tip_pixel(*mistaken))
 
 
-def test_click_is_refused_on_simulated_arm(tmp_path, monkeypatch):
+def test_tip_click_is_refused_on_simulated_arm(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     with ikservo.open_arm(ARM, "sim:?pose=home") as arm:
         arm.enable()

@@ -69,7 +69,7 @@ def refused(session, text, **message):
         session.send_message(**message)
 
 
-def test_clicked_cube_is_lifted_then_put_at_second_click(session):
+def test_page_lifts_clicked_cube_and_places_it_at_second_click(session):
     number = session.offered(CUBE)
     size, place = r"3\d x 3\d x 3\d mm", r"\(0\.2[34]\d, 0\.0[45]\d\) m"
     assert re.fullmatch(f"Pick up the red block, {size}, at {place}\\.", session.text)
@@ -86,7 +86,7 @@ def test_clicked_cube_is_lifted_then_put_at_second_click(session):
     assert not session.holds
 
 
-def test_go_streams_exactly_the_plan_that_was_shown(session):
+def test_go_button_executes_exactly_the_shown_pick_plan(session):
     number, path = session.offered(CUBE), session.interaction.path
     shown = np.array([joints for joints, _ in path.postures])
     chain = ~session.arm.joint_index.outside_chain()
@@ -102,7 +102,7 @@ def test_go_streams_exactly_the_plan_that_was_shown(session):
     assert away.max() < math.radians(1.5)
 
 
-def test_next_plan_begins_where_joints_rest_after_a_motion(session):
+def test_next_plan_begins_at_joints_measured_after_motion(session):
     session.offered(CUBE)
     servos = session.arm.context.servos
 
@@ -116,7 +116,7 @@ def test_next_plan_begins_where_joints_rest_after_a_motion(session):
     assert np.abs(off_rad).max() < 0.01
 
 
-def test_joint_that_moves_in_its_backlash_keeps_an_offer(session):
+def test_joint_motion_within_backlash_keeps_pick_plan_valid(session):
     servos = session.arm.context.servos
     servos.set_reference(servos.reference() + 0.015)  # Go finds the joints where they are
     session.look()
@@ -124,7 +124,7 @@ def test_joint_that_moves_in_its_backlash_keeps_an_offer(session):
     assert session.holds, session.texts
 
 
-def test_grasp_that_found_nothing_says_so_and_moves_on(session):
+def test_empty_grasp_is_reported_and_page_returns_to_preview(session):
     number = session.offered(CUBE)
     data = session.arm.context.port.transport.line.world._mover._data
     data.qpos[-7:-5] = (-0.2, 0.2)  # somebody has taken the cube away
@@ -134,7 +134,7 @@ def test_grasp_that_found_nothing_says_so_and_moves_on(session):
     assert not session.holds
 
 
-def test_place_is_refused_in_old_picture_and_by_a_moved_camera(session, monkeypatch):
+def test_place_is_refused_with_old_picture_or_moved_camera(session, monkeypatch):
     session.go(session.offered(CUBE))
     session.cameras.video.is_fresh = False
     refused(session, "too old", kind=msg.Grasp, at=session.pixel(GOAL))
@@ -146,7 +146,7 @@ def test_place_is_refused_in_old_picture_and_by_a_moved_camera(session, monkeypa
     assert session.holds
 
 
-def test_no_pick_is_offered_while_something_is_held(session):
+def test_pick_is_refused_while_gripper_holds_an_object(session):
     session.send_message(msg.Grasp)
     session.until(lambda: session.panel and session.panel["buttons"], "a list")
     button = session.panel["buttons"][0]
@@ -190,7 +190,7 @@ NEEDS_READING = ("torque lost",)  # the arm's thread has to read the servos firs
 
 
 @pytest.mark.parametrize("name", WITHDRAWALS)
-def test_event_withdraws_offer_of_a_pick(session, name):
+def test_stop_fault_or_command_discards_planned_pick(session, name):
     number = session.offered(CUBE)
     WITHDRAWALS[name](session)
     if name in NEEDS_READING:
@@ -207,7 +207,7 @@ def test_event_withdraws_offer_of_a_pick(session, name):
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", WITHDRAWALS)
-def test_event_during_search_leaves_no_offer(session, slow_search, name):
+def test_stop_fault_or_command_discards_pick_search(session, slow_search, name):
     session.click(CUBE)
     session.look()
     WITHDRAWALS[name](session)
@@ -228,7 +228,7 @@ def test_event_during_search_leaves_no_offer(session, slow_search, name):
 @pytest.mark.parametrize("message", [
     (msg.SetLive, {"on": True}), (msg.Stop, {}), (msg.Heartbeat, {"visible": True}),
 ], ids=["live", "stop", "heartbeat"])  # fmt: skip
-def test_messages_are_answered_at_once_during_search(session, slow_search, message):
+def test_page_messages_are_answered_during_pick_search(session, slow_search, message):
     session.click(CUBE)
     session.look()
     begun_s = time.perf_counter()
@@ -239,7 +239,7 @@ def test_messages_are_answered_at_once_during_search(session, slow_search, messa
     assert not slow_search.is_set()
 
 
-def test_listed_blocks_are_offered_by_their_buttons(session):
+def test_button_of_found_block_plans_its_pick(session):
     session.cameras.video.newest = two_blocks(session)
     session.send_message(msg.Grasp)
     session.until(lambda: session.panel and session.panel["buttons"], "a list")
@@ -268,7 +268,7 @@ def two_blocks(session):
     return picture
 
 
-def test_watcher_and_other_page_may_not_choose_a_grasp(session):
+def test_watcher_and_page_without_control_cannot_pick(session):
     at = session.pixel(CUBE)
     watcher = session.connect(Permission.WATCH)
     other = session.connect(Permission.CONTROL)
@@ -282,7 +282,7 @@ def test_watcher_and_other_page_may_not_choose_a_grasp(session):
     assert session.offer == number
 
 
-def test_click_outside_the_picture_chooses_nothing(session):
+def test_pick_click_outside_picture_is_refused(session):
     for at in ((-16384.0, 0.0), (16384.0, 16384.0), (5000.0, 300.0)):
         refused(session, "not in the picture|picture", kind=msg.Grasp, at=at)
     session.send_message(msg.Grasp, at=(5.0, 5.0))
@@ -292,13 +292,13 @@ def test_click_outside_the_picture_chooses_nothing(session):
 
 
 @pytest.mark.parametrize("at", ["[NaN, 1]", "[1e9, 1]", "[1]", "[1, 2, 3]", '["a", 1]', "{}", "1"])
-def test_pixels_of_a_grasp_are_bounded_numbers(at):
+def test_grasp_message_with_invalid_pixel_is_refused(at):
     text = f'{{"kind": "grasp", "seq": 1, "seen": 0, "at": {at}}}'
     with pytest.raises(BadMessageError, match="cannot be used"):
         msg.read_message(text)
 
 
-def test_grasp_is_refused_in_live_and_in_other_views(session):
+def test_pick_is_refused_in_live_mode_and_outside_camera_view(session):
     session.enable_live()
     refused(session, "Live", kind=msg.Grasp, at=session.pixel(CUBE))
     session.send_message(msg.SetLive, on=False)
@@ -306,7 +306,7 @@ def test_grasp_is_refused_in_live_and_in_other_views(session):
     refused(session, "Choose the camera view", kind=msg.Grasp, at=(1.0, 2.0))
 
 
-def test_offer_is_planned_again_when_the_arm_has_moved(session):
+def test_pick_is_planned_again_after_arm_has_moved(session):
     number = session.offered(CUBE)
     here = session.arm.where().positions
     session.arm.move_joints({"shoulder_pan": here["shoulder_pan"] + 0.2})
@@ -318,7 +318,7 @@ def test_offer_is_planned_again_when_the_arm_has_moved(session):
     assert cube_m(session)[2] > 0.06
 
 
-def test_jaws_that_opened_since_hold_nothing(session):
+def test_opened_jaws_no_longer_count_as_holding(session):
     session.go(session.offered(CUBE))
     assert session.holds
     session.arm.move_joints({"gripper": session.arm.model.gripper.open})

@@ -28,7 +28,7 @@ def pick_and_place_by_page(name, seed, folder):
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_cube_is_picked_and_placed_by_page_18_of_20(tmp_path, monkeypatch, capsys, name):
+def test_page_picks_and_places_cube_in_18_of_20_trials(tmp_path, monkeypatch, capsys, name):
     lifted, placed, tries = 0, 0, part_of(20)
     for seed in tries:
         folder = tmp_path / str(seed)

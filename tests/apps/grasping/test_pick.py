@@ -37,7 +37,7 @@ def refused(arm, kind, text, *given, **options):
     assert not any(servo.read("torque_enable") for servo in servos)
 
 
-def test_pick_refuses_thing_wider_than_the_gripper(so101):
+def test_pick_refuses_object_wider_than_gripper(so101):
     size_m = (0.09, 0.1, 0.03)
     refused(
         so101,
@@ -56,20 +56,20 @@ def test_pick_refuses_point_out_of_reach(so101):
     refused(so101, UnreachableError, "cannot be reached", (0.8, 0.0, 0.02), size_m=CUBE)
 
 
-def test_pick_refuses_thing_so_flat_that_fingers_touch_the_table(so101):
+def test_pick_refuses_object_too_flat_for_fingers_above_table(so101):
     flat = (0.03, 0.03, 0.002)
     refused(
         so101, RefusedError, "cannot grip or put down anything", (0.24, 0.0, 0.001), size_m=flat
     )
 
 
-def test_pick_refuses_thing_that_a_shelf_covers(so101, monkeypatch):
+def test_pick_refuses_object_under_a_shelf(so101, monkeypatch):
     monkeypatch.setattr("ikservo.apps.grasping.pick_and_place._SEARCH_S", 5.0)  # enough to be sure
     so101.scene.add("box", "the shelf", center_m=(0.25, 0.0, 0.1), size_m=(0.2, 0.4, 0.02))
     refused(so101, RefusedError, "cannot grip .* at", (0.25, 0.0, 0.0175), size_m=CUBE)
 
 
-def test_place_refuses_to_press_a_known_thing_into_the_table(so101):
+def test_place_refuses_to_press_held_object_into_table(so101):
     so101.grip.T_thing_tip, so101.grip.height_m = np.eye(4), 0.035
     so101.grip.jaws_at = so101.where()["gripper"].position_rad
     with pytest.raises(RefusedError, match="12 mm below the table"):
@@ -84,18 +84,18 @@ def test_place_refuses_to_press_a_known_thing_into_the_table(so101):
     make_shape("box", "the ramp", {"center_m": (0.24, 0.0, 0.02), "size_m": CUBE,
                                    "rpy_deg": (20.0, 0.0, 0.0)}),
 ], ids=["ball", "cylinder", "tilted box"])  # fmt: skip
-def test_things_other_than_upright_boxes_are_refused(thing):
+def test_pick_refuses_objects_other_than_upright_boxes(thing):
     with pytest.raises(RefusedError, match="is not an upright box"):
         pick_box(thing)
 
 
 @pytest.mark.parametrize("yaw_rad", [math.nan, math.inf, "x", None])
-def test_yaw_of_a_picked_thing_is_finite(yaw_rad):
+def test_pick_refuses_yaw_that_is_not_finite(yaw_rad):
     with pytest.raises(BadValueError):
         Pick((0.2, 0.0, 0.02), yaw_rad=yaw_rad)
 
 
-def test_sizes_of_picked_things_are_checked():
+def test_pick_refuses_size_that_is_not_positive():
     with pytest.raises(BadValueError, match="three lengths above 0"):
         Pick((0.2, 0.0, 0.02), size_m=(0.03, 0.0, 0.03))
 
@@ -105,14 +105,14 @@ def test_arm_without_gripper_cannot_pick():
         find_jaws(load_model("planar3"))
 
 
-def test_gripper_shapes_without_space_between_jaws_are_refused(monkeypatch):
+def test_gripper_without_space_between_jaws_is_refused(monkeypatch):
     thick = [replace(each, radius_m=0.3) for each in jaws.capsules_of(load_model("so101"))]
     monkeypatch.setattr(jaws, "capsules_of", lambda _: thick)
     with pytest.raises(IkservoError, match="width of the gripper of so101 is not known"):
         find_jaws(load_model("so101"))
 
 
-def test_pick_that_finds_nothing_reports_it_and_opens_jaws(so101):
+def test_empty_pick_is_reported_and_opens_jaws(so101):
     with pytest.raises(RefusedError, match="found nothing at"):
         so101.pick((0.24, 0.05, 0.0175), size_m=CUBE)
     assert so101.where().tip_m[2] > 0.06
@@ -121,7 +121,7 @@ def test_pick_that_finds_nothing_reports_it_and_opens_jaws(so101):
         so101.place((0.24, -0.05, 0.0175))
 
 
-def test_carried_cube_hardly_slides_out_of_the_jaws():
+def test_carried_cube_hardly_slips_in_jaws():
     pytest.importorskip("mujoco")
     with ikservo.open_arm("koch", "sim:?pose=home&physics=1&cubes=red@0.16,0.04") as arm:
         world = line_of(arm).world
@@ -138,7 +138,7 @@ def test_carried_cube_hardly_slides_out_of_the_jaws():
         assert abs(cube_at_tip_m()[2] - held_m[2]) < 0.001
 
 
-def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
+def test_pick_plan_approaches_from_above_without_moving_arm(so101):
     start = so101.where().positions_rad
     steps, whole = Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(so101.context, start)
     names = [getattr(step, "motion", step).kind for step in steps]
@@ -152,7 +152,7 @@ def test_plan_of_pick_approaches_from_above_and_moves_nothing(so101):
 
 
 @pytest.mark.parametrize(("height_m", "most_m"), [(0.004, 0.0), (0.035, 0.0135), (0.1, 0.015)])
-def test_jaws_grip_a_thing_as_high_as_they_still_hold_it(so101, monkeypatch, height_m, most_m):
+def test_pick_tries_grip_heights_up_to_highest_secure_one(so101, monkeypatch, height_m, most_m):
     tried = []
     monkeypatch.setattr(
         pick_and_place._GraspPlanner, "plan", lambda _, middle, raises, *rest: tried.extend(raises)
@@ -166,7 +166,7 @@ def test_jaws_grip_a_thing_as_high_as_they_still_hold_it(so101, monkeypatch, hei
 @pytest.mark.parametrize(
     ("name", "x_m", "y_m", "most_m"), [("koch", 0.16, 0.04, 0.004), ("wx250s", 0.24, 0.05, 0.0135)]
 )
-def test_planned_grip_is_as_low_as_the_table_allows(name, x_m, y_m, most_m):
+def test_planned_grip_height_is_as_low_as_table_allows(name, x_m, y_m, most_m):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         start = arm.where().positions_rad
         steps, _ = Pick((x_m, y_m, 0.0175), size_m=CUBE).plan(arm.context, start)
@@ -190,13 +190,13 @@ def test_cube_is_between_the_jaws_in_the_planned_grasp(so101):
     ("name", "most_mm", "beside_mm"),
     [("so101", 76, 23), ("koch", 53, 22), ("omx_f", 97, 0), ("open_manipulator_x", 82, 0)],
 )
-def test_jaws_follow_from_the_shapes_of_the_arm(name, most_mm, beside_mm):
+def test_jaw_opening_is_computed_from_gripper_shapes(name, most_mm, beside_mm):
     jaws = find_jaws(load_model(name))
     assert 1000.0 * jaws.most_m == pytest.approx(most_mm, abs=1.0)
     assert 1000.0 * np.linalg.norm(jaws.at_width(0.047)[1]) == pytest.approx(beside_mm, abs=2.0)
 
 
-def test_program_has_steps_that_pick_and_place():
+def test_pick_and_place_are_program_steps():
     assert Pick((0.2, 0.0, 0.02)).kind == "pick"
     assert str(Place((0.2, 0.0, 0.02))) == "put down at (0.200, 0.000, 0.020) m"
 
@@ -225,7 +225,7 @@ def box_corners(at_m, size_m, yaw_rad):
     return (corners * size_m) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + (*at_m, 0.0)
 
 
-def test_block_is_found_with_position_and_yaw(camera):
+def test_camera_finds_position_size_and_yaw_of_coloured_block(camera):
     pytest.importorskip("cv2")
     from ikservo.apps.cameras.blocks import find_block_at, find_blocks
 

@@ -78,7 +78,7 @@ def make(run_cli, source, tmp_path):
 
 
 @pytest.mark.full
-def test_published_arm_moves_after_one_import_command(make, run_cli, tmp_path):
+def test_published_arm_description_moves_after_one_import(make, run_cli, tmp_path):
     assert make().code == 0
     arm = f"--arm {tmp_path}/mine"
     result = run_cli(f"move 0.25 0.1 0.25 {arm} --port sim --yes --json")
@@ -132,7 +132,7 @@ def test_imported_arm_has_capsules_and_visual_meshes(make, source, tmp_path):
             assert min(away) <= 1e-5
 
 
-def test_imported_base_stands_on_table(make, tmp_path):
+def test_imported_arm_base_is_placed_on_table(make, tmp_path):
     make()
     model = ikservo.load_model(tmp_path / "mine")
     assert model.floor_m == pytest.approx(-0.08, abs=0.002)  # half the bar below its middle
@@ -270,7 +270,7 @@ def test_import_report_names_links_without_mass(make, source, tmp_path):
     assert "No mass is given for forearm: servos and the rest pose" in decisions
 
 
-def test_missing_mesh_is_left_out_and_reported(make, source, tmp_path):
+def test_missing_mesh_is_omitted_from_import_and_reported(make, source, tmp_path):
     (source.parents[1] / "meshes" / "bar.stl").unlink()
     assert make().code == 0
     report = (tmp_path / "mine" / "import.md").read_text()
@@ -279,7 +279,7 @@ def test_missing_mesh_is_left_out_and_reported(make, source, tmp_path):
     assert capsules_of(ikservo.load_model(tmp_path / "mine"))
 
 
-def test_mesh_120_m_large_is_left_out(make, source, tmp_path):
+def test_mesh_of_120_m_size_is_omitted_from_import(make, source, tmp_path):
     source.write_text(source.read_text().replace('scale="0.001 0.001 0.001"', ""))
     assert make().code == 0
     assert (
@@ -296,7 +296,7 @@ def test_import_json_lists_every_file(make, tmp_path):
 
 
 @pytest.mark.full
-def test_arm_from_ruler_measurements_moves(run_cli, tmp_path):
+def test_arm_created_from_measured_lengths_moves(run_cli, tmp_path):
     joints = "--joint pan=z:0.06 --joint lift=y:0.12 --joint elbow=y:0.1"
     assert run_cli(f"arms new ruled {joints} --folder {tmp_path}").code == 0
     model = ikservo.load_model(tmp_path / "ruled")
@@ -417,7 +417,7 @@ def test_poses_of_imported_arm_have_clearance(make, tmp_path, pose):
         assert arm.clearance_m(arm.model.pose(pose)) >= 0.0
 
 
-def test_import_prints_arm_option_that_finds_new_arm(run_cli, tmp_path, monkeypatch):
+def test_import_prints_arm_option_that_opens_new_arm(run_cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = run_cli("arms new ruled --joint pan=z:0.1 --joint lift=y:0.1")
     path = re.search(r"--arm (\S+)", made.err).group(1)

@@ -54,7 +54,7 @@ def union_points(capsules):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [*MESHES, "a bracket"])
-def test_capsules_contain_a_mesh_and_stay_near_it(name):
+def test_fitted_capsules_contain_mesh_and_stay_close_to_it(name):
     mesh = MESHES.get(name) or bracket()
     fit = fit_capsules(np.array(mesh.triangles))
     inside = np.array([c.depth_m(mesh.sample(4000, seed=1)) for c in fit.capsules]).max(axis=0)
@@ -67,7 +67,7 @@ def test_capsules_contain_a_mesh_and_stay_near_it(name):
 
 
 @pytest.mark.full
-def test_mesh_of_simple_part_gets_few_capsules():
+def test_mesh_of_simple_part_is_fitted_by_few_capsules():
     counts = {name: len(fit_capsules(np.array(m.triangles)).capsules) for name, m in MESHES.items()}
     assert counts["a long rod"] == 1
     assert counts["a ball"] == 1
@@ -75,7 +75,7 @@ def test_mesh_of_simple_part_gets_few_capsules():
     assert counts["a bent arm"] <= 4
 
 
-def test_capsules_contain_solid_inside_closed_mesh():
+def test_fitted_capsules_contain_interior_of_closed_mesh():
     mesh = trimesh.creation.box((0.3, 0.2, 0.1))
     fit = fit_capsules(np.array(mesh.triangles))
     points = (np.random.default_rng(3).random((3000, 3)) - 0.5) * mesh.extents
@@ -83,7 +83,7 @@ def test_capsules_contain_solid_inside_closed_mesh():
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_capsules_contain_flat_mesh(count):
+def test_fitted_capsules_contain_flat_mesh(count):
     corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.05, 0.0], [0.0, 0.05, 0.0]])
     triangles = corners[[[0, 1, 2], [0, 2, 3]][:count]]
     fit = fit_capsules(triangles)
@@ -92,7 +92,7 @@ def test_capsules_contain_flat_mesh(count):
 
 
 @pytest.mark.full
-def test_capsules_of_bracket_are_tighter_beside_fitted_servo():
+def test_capsule_fit_of_bracket_uses_capsules_of_its_servo():
     sides = [trimesh.creation.box((0.09, 0.004, 0.05)).apply_translation((0.0, y, 0.025))
              for y in (-0.035, 0.035)]  # fmt: skip
     holder = trimesh.util.concatenate([trimesh.creation.box((0.09, 0.07, 0.004)), *sides])
@@ -108,7 +108,7 @@ def test_capsules_of_bracket_are_tighter_beside_fitted_servo():
     assert second.excess_m < fit_capsules(walls).excess_m - 0.003
 
 
-def test_mesh_inside_other_capsules_does_not_need_capsule():
+def test_mesh_inside_other_capsules_gets_no_capsule():
     block, core = (trimesh.creation.box((size, size, size)) for size in (0.05, 0.02))
     outer = fit_capsules(np.array(block.triangles))
     inner = fit_capsules(np.array(core.triangles), [np.array(block.triangles)], outer.capsules)

@@ -61,7 +61,7 @@ def test_description_with_xml_doctype_is_refused(read, head, name):
         read(robot(LINKS, CHAIN, head=head), name, allow_xacro=True)
 
 
-def test_a_cycle_of_links_is_refused(read):
+def test_urdf_with_cycle_of_links_is_refused(read):
     with pytest.raises(FileFormatError, match=r"cycle|child"):
         read(robot(LINKS, CHAIN, joint("j4", "d", "a")))
 
@@ -85,7 +85,7 @@ def load_with_zero(draft):
 @pytest.mark.parametrize(
     "name", ['x"] = 1', "[bus]", "a'b", "#", "é ü", "</robot>".replace("<", "&lt;")]
 )
-def test_hostile_link_names_survive_in_written_files(read, name):
+def test_hostile_link_names_are_escaped_in_written_files(read, name):
     quoted = name.replace("'", "&apos;")
     draft = read(robot(LINKS.replace("'d'", f"'{quoted}'"), CHAIN.replace('"d"', f'"{quoted}"')
                        if '"' not in name else CHAIN.replace('"d"', f"'{quoted}'")))  # fmt: skip
@@ -122,13 +122,13 @@ def test_invalid_description_gives_one_sentence_error(read, text):
     assert len(str(caught.value)) < 500
 
 
-def test_report_names_mesh_outside_folder_that_was_not_read(read):
+def test_import_report_names_unread_mesh_outside_folder(read):
     shape = "<visual><geometry><mesh filename='../../etc/passwd.stl'/></geometry></visual>"
     draft = read(robot(LINKS.replace("<link name='b'/>", f"<link name='b'>{shape}</link>"), CHAIN))
     assert any("etc/passwd" in each and "outside" in each for each in draft.dropped)
 
 
-def test_code_in_a_urdf_is_not_run_without_consent(read, tmp_path):
+def test_xacro_code_in_urdf_is_not_run_without_consent(read, tmp_path):
     trap = tmp_path / "ran"
     code = f"${{open('{trap}', 'w')}}"
     with pytest.raises(InputError, match="runs the Python expressions"):
@@ -148,14 +148,14 @@ def test_description_that_is_a_pipe_is_refused_without_waiting(tmp_path):
         read_foreign(tmp_path / "arm.urdf", {}, {}, allow_xacro=False)
 
 
-def test_pipe_in_folder_is_not_chosen_as_description(tmp_path):
+def test_import_ignores_pipe_in_description_folder(tmp_path):
     os.mkfifo(tmp_path / "arm.xml")
     for name in (None, "arm.xml", 5000 * "a"):
         with pytest.raises(InputError, match="has no "):
             choose_description(tmp_path, name)
 
 
-def test_folders_with_symlink_cycle_are_searched_once(tmp_path):
+def test_description_search_ends_in_folder_with_symlink_cycle(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "inner" / "arm.urdf").write_text("<robot name='x'/>")
     (tmp_path / "inner" / "again").symlink_to(tmp_path)

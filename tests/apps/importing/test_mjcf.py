@@ -186,7 +186,7 @@ def test_mjcf_ball_joint_and_unknown_element_are_refused(path, old, new, found):
         load(path)
 
 
-def test_mjcf_loose_things_are_left_out_and_free_base_is_fixed(path):
+def test_mjcf_loose_bodies_are_omitted_and_free_base_is_fixed(path):
     def parts():
         urdf = read_mjcf(path)
         return urdf.joints, [(link.name, link.mass_kg, link.com_m) for link in urdf.links]
@@ -210,7 +210,7 @@ def test_mjcf_without_mujoco_says_what_to_install(path, monkeypatch):
     assert "[physics]" in caught.value.hint
 
 
-def test_mjcf_in_package_may_use_neighbour_folder(path):
+def test_mjcf_in_package_may_use_meshes_of_neighbouring_folder(path):
     (path.parent / "package.xml").write_text("<package><name>made</name></package>")
     folder = path.parent / "model"
     folder.mkdir()
@@ -292,7 +292,7 @@ def test_mjcf_with_reversed_limits_is_refused(path, old, new):
         read_mjcf(path)
 
 
-def test_mjcf_reading_makes_mujoco_write_and_print_nothing(path, tmp_path, monkeypatch, capfd):
+def test_mjcf_import_writes_no_log_and_prints_nothing(path, tmp_path, monkeypatch, capfd):
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)

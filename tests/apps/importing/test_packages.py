@@ -47,13 +47,13 @@ def test_mesh_is_found_by_absolute_path_in_package(urdf, start):
     assert PackageFolders(urdf).find_mesh(f"{start}{mesh.as_posix()}") == mesh
 
 
-def test_package_is_found_by_name_in_its_manifest(urdf):
+def test_ros_package_is_found_by_name_in_its_manifest(urdf):
     package = urdf.parents[1].rename(urdf.parents[2] / "cloned")
     path = package / "urdf" / "arm.urdf"
     assert PackageFolders(path).find("arm_description") == package
 
 
-def test_package_folder_given_by_user_is_used(urdf, tmp_path):
+def test_ros_package_folder_given_by_user_is_used(urdf, tmp_path):
     (tmp_path / "else").mkdir()
     (tmp_path / "else" / "c.stl").write_text("x")
     packages = PackageFolders(urdf, {"far": tmp_path / "else"})
@@ -72,18 +72,18 @@ def test_package_folder_given_by_user_is_used(urdf, tmp_path):
         "http://example.org/a.stl",
     ],
 )
-def test_mesh_outside_package_is_not_found(urdf, name):
+def test_mesh_outside_ros_package_is_not_found(urdf, name):
     packages = PackageFolders(urdf)
     found = packages.find_mesh(name)
     assert found is None or found.is_relative_to(urdf.parents[1])
 
 
-def test_symlink_out_of_package_is_not_followed(urdf, tmp_path):
+def test_symlink_out_of_ros_package_is_not_followed(urdf, tmp_path):
     (urdf.parents[1] / "meshes" / "out.stl").symlink_to(tmp_path / "secret.stl")
     assert PackageFolders(urdf).find_mesh("../meshes/out.stl") is None
 
 
-def test_package_search_ends_at_repository_root(urdf, tmp_path):
+def test_ros_package_search_ends_at_repository_root(urdf, tmp_path):
     (tmp_path / "beyond").mkdir()
     packages = PackageFolders(urdf)
     assert packages.find("beyond") is None
@@ -93,7 +93,7 @@ def test_package_search_ends_at_repository_root(urdf, tmp_path):
 
 
 @pytest.mark.parametrize("manifest", ["<package><name>x", "", "<!DOCTYPE a><name>../x</name>"])
-def test_damaged_manifest_does_not_name_a_package(urdf, manifest):
+def test_damaged_ros_manifest_is_ignored_in_package_search(urdf, manifest):
     (urdf.parents[1] / "package.xml").write_text(manifest)
     assert PackageFolders(urdf).find("x") is None
     assert PackageFolders(Path(urdf)).find("arm_description") == urdf.parents[1]

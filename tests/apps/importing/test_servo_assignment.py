@@ -80,7 +80,7 @@ def servos_of(draft):
 
 
 @pytest.mark.full
-def test_each_joint_gets_servo_that_user_saw_move(draft, port):
+def test_servo_assignment_uses_servo_that_user_saw_move(draft, port):
     onlooker = Onlooker()
     run(assign_servos([draft], port, {}), onlooker)
     assert servos_of(draft) == {name: (IDS[name], SIGNS[name]) for name in IDS}
@@ -90,7 +90,7 @@ def test_each_joint_gets_servo_that_user_saw_move(draft, port):
 
 
 @pytest.mark.full
-def test_servos_move_one_at_a_time_with_torque_off_at_questions(draft, port, monkeypatch):
+def test_servos_to_assign_move_one_by_one_then_go_limp(draft, port, monkeypatch):
     worlds, moved = [], []
     make = servosim.port.make_arm_world
     monkeypatch.setattr(
@@ -141,19 +141,19 @@ def test_servo_assignment_moves_nothing_without_consent(draft, port, monkeypatch
     assert "--servo JOINT=ID" in caught.value.hint
 
 
-def test_servos_named_by_user_are_not_moved(draft, port, monkeypatch):
+def test_servo_assignment_does_not_move_servos_given_by_user(draft, port, monkeypatch):
     monkeypatch.setattr("ikservo.apps.importing.servo_assignment.torque_on", None)
     servos = {name: (DraftServo(IDS[name], "", SIGNS[name]),) for name in IDS}
     run(assign_servos([draft], port, servos), None)
     assert servos_of(draft) == {name: (IDS[name], SIGNS[name]) for name in IDS}
 
 
-def test_named_servo_that_does_not_reply_is_reported(draft, port):
+def test_servo_assignment_reports_given_servo_that_is_silent(draft, port):
     with pytest.raises(ServoSilentError, match=r"Servo 99 of gripper does not reply\.\n"):
         run(assign_servos([draft], port, {"gripper": (DraftServo(99, ""),)}), None)
 
 
-def test_too_few_replying_servos_are_reported(draft, port, tmp_path):
+def test_servo_assignment_reports_too_few_replying_servos(draft, port, tmp_path):
     text = (tmp_path / "arm.toml").read_text()
     head, gripper = text.split('[[joints]]\nname      = "gripper"')
     (tmp_path / "arm.toml").write_text(head + gripper[gripper.index("# Upper arm") :])

@@ -72,7 +72,7 @@ def test_unused_xacro_property_does_not_run_code(run_cli, path, tmp_path, no_chi
 
 
 @needs_xacro
-def test_xacro_gets_packages_and_arguments(tmp_path):
+def test_xacro_receives_given_packages_and_arguments(tmp_path):
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "part.xacro").write_text(
         '<robot xmlns:xacro="http://ros.org/wiki/xacro"><link name="$(arg link)"/></robot>'
@@ -131,7 +131,7 @@ def test_error_names_xacro_argument_without_value_and_option(path):
 
 
 @needs_xacro
-def test_xacro_error_text_is_passed_on(path):
+def test_xacro_error_text_is_shown_to_user(path):
     path.write_text(MACROS.replace("${reach} 0 0", "${no_such_length} 0 0"))
     with pytest.raises(FileFormatError, match=r"xacro refuses it: .*no_such_length"):
         expand_xacro(path)

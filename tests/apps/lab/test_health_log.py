@@ -47,7 +47,7 @@ def history(random, true_deg, days, wear_deg=None, noise_deg=0.08):
         yield record(day, {n: max(p, 0.0) for n, p in plays.items()}, frictions)
 
 
-def test_comparison_names_joint_whose_backlash_grew():
+def test_health_comparison_names_joint_whose_backlash_grew():
     random = np.random.default_rng(3)
     found = 0
     for _ in range(100):
@@ -58,7 +58,7 @@ def test_comparison_names_joint_whose_backlash_grew():
     assert found >= 95
 
 
-def test_repeated_measurements_without_wear_do_not_raise_alarm():
+def test_repeated_health_checks_without_wear_give_no_warning():
     random = np.random.default_rng(4)
     alarms = 0
     for _ in range(200):
@@ -67,7 +67,7 @@ def test_repeated_measurements_without_wear_do_not_raise_alarm():
     assert alarms <= 4
 
 
-def test_heat_voltage_and_lost_replies_do_not_count_as_wear():
+def test_heat_voltage_and_lost_replies_are_not_reported_as_wear():
     calm = JointHealth(name="pan", id=1, temperature_c=25.0, voltage_v=7.4, load=0.1, requests=20)
     hot = JointHealth(name="pan", id=1, temperature_c=60.0, voltage_v=6.1, load=0.9, lost=9)
     records = [HealthRecord(written=DAY, source="monitor", joints=(each,)) for each in (calm, hot)]
@@ -76,7 +76,7 @@ def test_heat_voltage_and_lost_replies_do_not_count_as_wear():
     assert (latest.temperature_c, latest.requests, latest.lost) == (60.0, 20, 9)
 
 
-def test_health_records_round_trip_and_damaged_file_is_kept(tmp_path, monkeypatch):
+def test_health_records_round_trip_and_keep_damaged_file(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     path = health_path("so101", "58FA/../083")
     assert path.parent == tmp_path / "health"

@@ -41,7 +41,7 @@ def found():
     return identify(DYNAMICS, PRIORS, recorded())
 
 
-def test_gravity_columns_sum_to_gravity_torques():
+def test_gravity_regressor_columns_sum_to_gravity_torques():
     q = np.random.default_rng(0).uniform(-1, 1, (5, DOF))
     columns = gravity_columns(DYNAMICS, q)
     assert columns.sum(axis=2) == pytest.approx(DYNAMICS.with_payload(1.0).gravity_torques(q))
@@ -85,7 +85,7 @@ def motors_of(recording, joint):
     return fit_motors(steady_windows(recording).of_joint(joint), prior_of())
 
 
-def test_joint_keeps_nominal_values_if_they_predict_as_well():
+def test_joint_keeps_nominal_parameters_if_fit_is_not_better():
     # What is not kept aside misleads: the first joint seems to need half as much again.
     clean = recorded()
     more = 1.0 + 0.5 * (clean.leg // 2 % 4 != 1)[:, None] * np.eye(1, DOF)
@@ -100,7 +100,7 @@ def test_joint_keeps_nominal_values_if_they_predict_as_well():
 
 @pytest.mark.parametrize("kt_error", [-0.05, 0.0, 0.05])
 @pytest.mark.parametrize("backlash_rad", [0.003, 0.03])
-def test_backlash_is_motor_travel_beyond_joint_travel(backlash_rad, kt_error):
+def test_backlash_is_motor_travel_minus_joint_travel(backlash_rad, kt_error):
     true, recording = Drive(), swing(Drive(), backlash_rad)
     recording = sign_currents(replace(recording, current_a=np.abs(recording.current_a)), PRIORS[:2])
     kt = true.kt * (1.0 + kt_error)
@@ -114,7 +114,7 @@ def test_backlash_is_motor_travel_beyond_joint_travel(backlash_rad, kt_error):
         assert fit_backlash(recording, 0, pressed, motors) is None
 
 
-def test_current_resolution_at_rest_is_not_taken_for_backlash():
+def test_current_resolution_at_rest_is_not_fitted_as_backlash():
     true, recording = Drive(), swing(Drive(), 0.01)
     last = np.flatnonzero(np.append(np.diff(recording.leg), 1))
     rows = np.sort(np.append(np.arange(len(recording.time_s)), last.repeat(round(2.0 / DT_S))))
@@ -140,13 +140,13 @@ def test_identification_finds_friction(found):
         assert share == pytest.approx(true.load + true.slow_load, rel=0.15)
 
 
-def test_stiffness_is_gain_times_torque_of_full_duty(found):
+def test_servo_stiffness_is_gain_times_torque_at_full_duty(found):
     for name in found.joints:
         stiffness = found.estimates[f"{name}.stiffness_nm_rad"]
         assert stiffness.value == pytest.approx(Drive().gain * Drive().full_nm, rel=0.05)
 
 
-def test_d_gain_between_goals_is_not_taken_for_friction(found):
+def test_d_gain_effect_between_goals_is_not_fitted_as_friction(found):
     stepped = identify(DYNAMICS, PRIORS, recorded(d_gain_s=0.15))
     for name in found.joints[1:3]:
         for key in ("damping_nm_s", "coulomb_nm"):
@@ -155,7 +155,7 @@ def test_d_gain_between_goals_is_not_taken_for_friction(found):
     assert stepped.payload_kg == pytest.approx(found.payload_kg, abs=0.004)
 
 
-def test_joint_moving_only_in_validation_does_not_harm_others():
+def test_joint_moving_only_in_validation_spoils_no_other_fit():
     clean = recorded()
     aside = clean.leg // 2 % 4 == 1
     rests = replace(
@@ -166,7 +166,7 @@ def test_joint_moving_only_in_validation_does_not_harm_others():
     assert own.motors[own.joints[1]].full_duty_nm == pytest.approx(Drive().full_nm, rel=0.02)
 
 
-def test_validation_legs_are_predicted_better_than_nominal(found):
+def test_identified_model_predicts_validation_data_better(found):
     for name in found.joints[1:]:
         assert found.validation[name].identified < 0.3 * found.validation[name].nominal
 
@@ -180,7 +180,7 @@ def test_identification_without_current_finds_only_ratios():
     assert ratio == pytest.approx(SCALES[2] / Drive().full_nm, rel=0.04)
 
 
-def test_load_friction_is_undetermined_without_gravity(found):
+def test_load_friction_of_joint_without_weight_is_undetermined(found):
     pan, lift = found.joints[:2]
     assert not found.estimates[f"{pan}.load"].determined
     assert found.estimates[f"{pan}.load"].error > 2.0 * found.estimates[f"{lift}.load"].error
@@ -192,7 +192,7 @@ def test_identified_mass_of_first_body_is_the_most_uncertain(found):
 
 
 @pytest.mark.full
-def test_standard_errors_cover_true_payload():
+def test_true_payload_lies_within_standard_errors():
     """In seven of eight recordings the true payload is within two standard errors."""
     inside = 0
     for seed in range(8):
@@ -207,12 +207,12 @@ def test_identified_parameters_are_never_negative():
     assert all(estimate.value >= 0.0 for estimate in found.estimates.values())
 
 
-def test_error_names_joint_that_did_not_move():
+def test_identification_error_names_joint_that_did_not_move():
     with pytest.raises(CalibrationError, match=DYNAMICS.chain.names[2]):
         identify(DYNAMICS, PRIORS, recorded(dead=(2,)))
 
 
-def test_payload_of_identified_arm_is_more_certain(found):
+def test_payload_estimate_of_identified_arm_has_smaller_error(found):
     heavy = recorded(payload_kg=0.12, seed=5, legs=6)
     empty = identify(DYNAMICS, PRIORS, recorded(payload_kg=0.0))
     known = identify_payload(DYNAMICS, PRIORS, heavy, empty)
@@ -221,7 +221,7 @@ def test_payload_of_identified_arm_is_more_certain(found):
     assert known.error < unknown.error
 
 
-def test_steady_windows_exclude_stuck_joint():
+def test_identification_excludes_samples_of_stuck_joint():
     one = recorded()
     stuck = one.position.copy()
     stuck[: len(stuck) // 2, 1] = stuck[0, 1]
@@ -231,13 +231,13 @@ def test_steady_windows_exclude_stuck_joint():
     assert legs.min() >= 8
 
 
-def test_loop_fit_finds_actual_gain_not_prior_gain():
+def test_servo_loop_fit_finds_actual_gain_despite_wrong_prior():
     windows = steady_windows(recorded(Drive(gain=2.3))).of_joint(0)
     halved = fit_loop(windows, replace(prior_of(), gain=0.5))
     assert halved.duty_per_rad == pytest.approx(2.3, rel=0.02)
 
 
-def test_noisy_duties_keep_firmware_gain():
+def test_servo_loop_fit_of_noisy_duty_keeps_firmware_gain():
     clean = recorded(Drive(gain=4.65))  # the firmware's is 4.61
     noise = np.random.default_rng(2).normal(scale=0.2, size=clean.duty.shape)
     windows, noisy = (steady_windows(replace(clean, duty=clean.duty + n)) for n in (0.0, noise))
@@ -248,7 +248,7 @@ def test_noisy_duties_keep_firmware_gain():
     assert np.std(own - true) < 0.15 * np.std(noisy.joint_duty - true)
 
 
-def test_smoothing_keeps_constant_and_reduces_spread():
+def test_signal_smoothing_keeps_constant_and_reduces_noise():
     samples = np.random.default_rng(0).normal(size=(40, 2))
     assert smooth_samples(np.ones((20, 3))) == pytest.approx(np.ones((20, 3)))
     assert smooth_samples(samples).std() < samples.std()

@@ -25,7 +25,7 @@ SHORT = TourOptions(postures=4, slow_postures=0, swings=3)
 
 
 @pytest.mark.campaign
-def test_short_tour_identifies_arm_with_hidden_parameters():
+def test_short_excitation_identifies_hidden_masses_and_payload():
     scale, payload_kg = 1.13, 0.08
     hidden = f"seed=3&mass_scale={scale}&payload_g={1000 * payload_kg}"
     with ikservo.open_arm("open_manipulator_x", port=f"sim:?{hidden}") as arm:
@@ -43,7 +43,7 @@ def test_short_tour_identifies_arm_with_hidden_parameters():
 
 
 @pytest.mark.full
-def test_excitation_starts_at_reference_despite_leading_goals():
+def test_excitation_starts_at_reference_not_at_leading_goal():
     with ikservo.open_arm("so101", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)
         run.go_to_start()
@@ -82,7 +82,7 @@ def test_servos_use_slow_profile_speed_during_excitation():
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_identification_improves_paths_of_twenty_arms(capsys):
+def test_identification_reduces_path_error_of_20_arms(capsys):
     ratios, wrong = [], []
     for seed in part_of(20):
         name, port = FAMILY[seed % len(FAMILY)], f"sim:?seed={seed + 1}"

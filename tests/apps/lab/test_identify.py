@@ -65,7 +65,7 @@ def test_identify_reports_and_saves_parameters(identified, home):
 
 
 @pytest.mark.full
-def test_arm_parameters_follow_identified_file(home):
+def test_arm_parameters_are_read_from_identification_file(home):
     found = load_identified(ARM, "sim")
     own = identified_parameters(MODEL, MODEL.chain, found)
     usual = nominal_parameters(MODEL, MODEL.chain)
@@ -99,7 +99,7 @@ def test_simulator_uses_identified_masses_and_motors(home, monkeypatch):
 
 
 @pytest.mark.campaign
-def test_gripper_weigh_finds_payload(home):
+def test_gripper_weigh_option_estimates_payload(home):
     words = ["gripper", "--weigh", "--arm", ARM, "--json"]
     result = run_arguments([*words, "--port", "sim:?mass_scale=1.2&payload_g=80"])
     answer = json.loads(result.out)
@@ -107,7 +107,7 @@ def test_gripper_weigh_finds_payload(home):
     assert answer["payload_kg"] == pytest.approx(0.08, abs=0.01)
 
 
-def test_sim_option_as_identified_needs_identified_arm(monkeypatch, tmp_path):
+def test_sim_as_identified_option_needs_identified_arm(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     result = run_arguments(["sim", "koch", "--as-identified"])
     assert result.code == InputError("").exit_code
@@ -115,7 +115,7 @@ def test_sim_option_as_identified_needs_identified_arm(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("words", [["gripper"], ["gripper", "open", "--weigh"]])
-def test_gripper_needs_exactly_one_of_target_and_weigh(words):
+def test_gripper_command_needs_either_target_or_weigh_option(words):
     assert run_arguments([*words, "--arm", ARM, "--port", "sim"]).code == 2
 
 
@@ -177,7 +177,7 @@ def test_identify_refuses_arm_without_masses(home, monkeypatch):
     assert "has no masses in its URDF" in result.err
 
 
-def test_identify_finds_unwritable_folder_before_arm_moves(monkeypatch, tmp_path):
+def test_identify_reports_unwritable_folder_before_motion(monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     (tmp_path / "identified").write_text("a file, not a folder")
     monkeypatch.setattr(IdentificationRun, "go_to_start", lambda *_: pytest.fail("it moved"))
@@ -187,7 +187,7 @@ def test_identify_finds_unwritable_folder_before_arm_moves(monkeypatch, tmp_path
     assert "identified" in result.err
 
 
-def test_where_refuses_damaged_identified_file_with_one_error(home):
+def test_where_command_refuses_damaged_identification_file(home):
     path = identified_path(ARM, "sim")
     before = path.read_text()
     try:

@@ -39,7 +39,7 @@ def test_pose_repeatability_does_not_depend_on_location():
     assert pose_repeatability(POINTS + 100.0) == pytest.approx(pose_repeatability(POINTS))
 
 
-def test_multidirectional_variation_is_largest_distance():
+def test_multidirectional_variation_is_distance_of_means():
     found = multidirectional_variation([POINTS, POINTS + ASIDE, POINTS + 0.2 * ASIDE])
     assert found == pytest.approx(5.0)
 
@@ -52,17 +52,17 @@ def test_path_accuracy_is_worst_deviation_of_mean_path():
     assert path_accuracy([first, second], commanded) == pytest.approx(1.5)
 
 
-def test_path_repeatability_is_worst_spread():
+def test_path_repeatability_is_worst_spread_of_paths():
     paths = np.zeros((4, 2, 3))
     paths[:, 1] = POINTS
     assert path_repeatability(paths) == pytest.approx(1.5 + 3.0 * math.sqrt(1.0 / 3.0))
 
 
-def test_drift_is_the_largest_change_since_the_start():
+def test_pose_drift_is_largest_change_since_start():
     assert largest_drift([0.3, 0.4, 0.1, 0.2]) == pytest.approx(0.2)
 
 
-def test_path_crossings_are_interpolated_in_normal_planes():
+def test_iso_9283_path_points_are_interpolated_in_normal_planes():
     measured = np.array([[-1.0, 2.0, 0.0], [1.0, 4.0, 0.0], [3.0, 4.0, 0.0]])
     found = path_crossings(measured, [[0.0, 0, 0], [2.0, 0, 0]], [[1.0, 0, 0], [1.0, 0, 0]])
     np.testing.assert_allclose(found, [[0.0, 3.0, 0.0], [2.0, 4.0, 0.0]])
@@ -75,7 +75,7 @@ def test_nearest_of_several_path_crossings_is_used():
     np.testing.assert_allclose(found, [[0.0, 1.1, 0.0]], atol=1e-5)
 
 
-def test_path_that_ends_early_is_refused():
+def test_iso_9283_refuses_path_that_ends_early():
     with pytest.raises(BadValueError, match="crosses each plane"):
         path_crossings(POINTS, [[9.0, 0, 0]], [[1.0, 0, 0]])
 
@@ -91,6 +91,6 @@ def test_path_that_ends_early_is_refused():
         lambda: path_repeatability(np.zeros((1, 5, 3))),
     ],
 )
-def test_too_few_points_or_wrong_shape_are_refused(call):
+def test_iso_9283_refuses_too_few_points_or_wrong_shape(call):
     with pytest.raises(BadValueError):
         call()

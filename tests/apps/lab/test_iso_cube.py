@@ -21,7 +21,7 @@ def test_each_arm_has_free_iso_cube_with_reachable_poses(name):
             assert ikservo.solve(arm.chain, ikservo.Target(point)).reached
 
 
-def test_iso_poses_lie_in_plane_a_tenth_from_diagonal_ends():
+def test_iso_9283_poses_are_a_tenth_from_ends_of_cube_diagonals():
     cube = IsoCube(np.array([0.2, 0.0, 0.1]), 0.1)
     p = cube.poses_m
     np.testing.assert_allclose(p["P2"], (0.24, 0.04, 0.14))

@@ -21,7 +21,7 @@ def test_each_monitor_run_adds_one_record(run_cli, arm, tmp_path):
     assert len(list((tmp_path / "health").glob("*.jsonl"))) == 1
 
 
-def test_monitor_report_names_joints_of_unknown_backlash(run_cli, tmp_path):
+def test_monitor_report_names_joints_with_unknown_backlash(run_cli, tmp_path):
     run_cli("monitor --arm koch --port sim --duration 0.1")
     (path,) = (tmp_path / "health").glob("*.jsonl")
     found = {"name": "elbow_flex", "id": 3, "backlash_rad": 0.02, "backlash_error_rad": 0.001}

@@ -46,7 +46,7 @@ def test_sine_response_of_first_order_lag_matches_formula(from_hz, to_hz):
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.1, 0.2])
-def test_sine_delay_is_phase_lag_beyond_half_turn(late_s):
+def test_sine_delay_is_right_for_phase_lag_above_180_deg(late_s):
     def follow(goal, step_s):
         late = round(late_s / step_s)
         return np.concatenate([np.full(late, goal[0]), goal])[: len(goal)]
@@ -70,7 +70,7 @@ def test_sine_motion_starts_and_ends_at_rest():
     assert np.abs(q + 0.2).max() == pytest.approx(AMPLITUDE_RAD, rel=1e-3)
 
 
-def test_sine_response_detects_swing_at_rest():
+def test_sine_test_detects_oscillation_at_rest():
     motion = sine(2.0, 2.0)
     calm = response_of(motion, lambda goal, _: goal)
     shaken = response_of(
@@ -105,7 +105,7 @@ def test_sine_outside_joint_limits_moves_nothing(arm, amplitude_deg, hz, said):
 
 
 @pytest.mark.full
-def test_tunable_registers_are_tried_and_restored(arm):
+def test_sine_test_tries_registers_and_restores_them(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     held = bus.port.transport.line.servos[servo.id]
     registers = tunable_registers(servo)

@@ -38,7 +38,7 @@ def second_order(damping, natural_rad_s=30.0, lag_s=0.0, swing_rad=0.0, short_ra
     return StepResponse(time_s, goal, np.array(rows) - short_rad + shake, (0.2, 1.4))
 
 
-def test_only_undamped_joint_overshoots():
+def test_step_response_overshoots_only_without_damping():
     calm, wild = second_order(1.2), second_order(0.15)
     assert np.degrees(calm.overshoot_rad) < 0.1
     assert np.degrees(wild.overshoot_rad) > 0.8
@@ -53,7 +53,7 @@ def test_lag_of_step_response_equals_delay_of_servo(lag_s):
     assert extra_s == pytest.approx(lag_s, abs=0.004)
 
 
-def test_swinging_is_distinguished_from_a_steady_error():
+def test_step_response_tells_oscillation_from_steady_error():
     swinging = second_order(1.0, swing_rad=np.radians(0.6))
     assert swinging.swing_rad == pytest.approx(np.radians(0.6), rel=0.1)
     assert swinging.swings
@@ -77,7 +77,7 @@ def raw_gains(arm, servo):
 
 
 @pytest.mark.campaign
-def test_suggested_gains_track_better_and_old_gains_return(arm):
+def test_suggested_gains_track_better_and_old_ones_are_restored(arm):
     servo, bus = servo_of(arm, "shoulder_lift"), arm.context.servos.bus
     before = raw_gains(arm, servo)
     with keeping_gains(bus, servo) as present:
@@ -90,7 +90,7 @@ def test_suggested_gains_track_better_and_old_gains_return(arm):
     assert bus.read(servo.id, servo.table.eeprom_lock, raw=True) == 1
 
 
-def test_gains_are_restored_if_trial_fails(arm):
+def test_servo_gains_are_restored_if_tuning_trial_fails(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     before = raw_gains(arm, servo)
 
@@ -104,7 +104,7 @@ def test_gains_are_restored_if_trial_fails(arm):
     assert raw_gains(arm, servo) == before
 
 
-def test_volatile_gains_are_lost_at_power_off(arm):
+def test_servo_gains_of_trial_are_lost_at_power_off(arm):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     held = bus.port.transport.line.servos[servo.id]
     before = held.read("p_gain")
@@ -116,12 +116,12 @@ def test_volatile_gains_are_lost_at_power_off(arm):
 
 
 @pytest.mark.parametrize("step_rad", [0.0, 1e-5, float("nan")])
-def test_a_step_too_small_to_be_measured_is_refused(arm, step_rad):
+def test_servo_tuning_refuses_step_too_small_to_measure(arm, step_rad):
     with pytest.raises(BadValueError, match="at least 1°"):
         measure_response(arm, "elbow_flex", step_rad)
 
 
-def test_second_ctrl_c_still_restores_gains(arm, monkeypatch):
+def test_second_ctrl_c_during_tuning_still_restores_gains(arm, monkeypatch):
     servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
     before, write = raw_gains(arm, servo), bus.write_until_power_off
     presses = iter([KeyboardInterrupt])
@@ -141,7 +141,7 @@ def test_second_ctrl_c_still_restores_gains(arm, monkeypatch):
     assert raw_gains(arm, servo) == before
 
 
-def test_recorded_motion_keeps_one_sample_per_time():
+def test_recorded_step_response_has_one_sample_per_time():
     class Runner:
         def run(self, _make, record, _speed, *, compensated):
             for time_s, goal in ((0.0, 0.0), (0.01, 0.1), (0.01, 0.2), (0.02, 0.3), (0.02, 0.3)):

@@ -28,7 +28,7 @@ CASES = [(arm, 10 * i + j, JOINTS[j % 5]) for i, arm in enumerate(("so101", "koc
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize(("arm_name", "seed", "joint"), CASES)
-def test_suggested_gains_are_near_the_best_of_a_grid(arm_name, seed, joint):
+def test_suggested_gains_are_close_to_best_of_grid_search(arm_name, seed, joint):
     with open_own_arm(load_model(arm_name), f"sim:?pose=home&seed={seed}") as arm:
         servo, bus = servo_of(arm, joint), arm.context.servos.bus
         p_gain, d_gain = gain_registers(servo)

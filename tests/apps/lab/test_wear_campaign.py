@@ -29,7 +29,7 @@ DAY = datetime(2026, 3, 2, tzinfo=UTC)
 
 @pytest.mark.campaign
 @pytest.mark.timeout(0)
-def test_wear_is_found_in_95_of_100_arms_with_few_false_alarms(capsys, monkeypatch):
+def test_wear_is_detected_in_95_of_100_arms_few_false_alarms(capsys, monkeypatch):
     found, alarms, missed, errors_deg, seeds = 0, [], [], [], part_of(100)
     for seed in seeds:
         name = ARMS[seed % len(ARMS)]

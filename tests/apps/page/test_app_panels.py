@@ -54,18 +54,18 @@ def page(monkeypatch):
         yield Page(arms)
 
 
-def test_panel_of_app_shows_rows_and_buttons(page):
+def test_app_panel_shows_rows_and_buttons(page):
     first, _ = page.shown()
     assert (first["heading"], first["buttons"]) == ("First", ["Step"])
     assert first["rows"][0][1].endswith(" rad")
 
 
-def test_panel_that_fails_shows_its_error(page):
+def test_app_panel_that_raises_shows_its_error(page):
     _, broken = page.shown()
     assert broken["rows"] == [("error", "KeyError: 'elbow'")]
 
 
-def test_button_of_panel_moves_arm(page):
+def test_app_panel_button_moves_arm(page):
     arm = page.session.arm_thread.arm
     name, before = arm.joint_names[0], true_joints(arm)[arm.joint_names[0]]
     page.shown()
@@ -73,7 +73,7 @@ def test_button_of_panel_moves_arm(page):
     until(lambda: page.shown() and abs(true_joints(arm)[name] - before - STEP_RAD) < 0.02)
 
 
-def test_refused_motion_of_panel_does_not_latch_a_stop(page, monkeypatch):
+def test_refused_motion_of_app_panel_does_not_latch_stop(page, monkeypatch):
     thread = page.session.arm_thread
     monkeypatch.setattr(f"{__name__}.STEP_RAD", 9.0)
     page.shown()
@@ -82,13 +82,13 @@ def test_refused_motion_of_panel_does_not_latch_a_stop(page, monkeypatch):
     assert thread.snapshot.stop_notice is None
 
 
-def test_unknown_button_of_a_panel_is_refused(page):
+def test_unknown_button_of_app_panel_is_refused(page):
     page.shown()
     with pytest.raises(BadMessageError, match="no button"):
         page.press("First", "Jump")
 
 
-def test_button_of_panel_needs_control(page):
+def test_app_panel_button_needs_control_permission(page):
     page.shown()
     watcher = page.session.connect(Permission.WATCH)
     message = RunPanelMotion(kind="run_panel_motion", seq=1, seen=0, heading="First", button="Step")

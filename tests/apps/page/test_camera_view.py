@@ -55,7 +55,7 @@ def measured_joints(arm):
 
 
 @pytest.mark.full
-def test_click_in_mirrored_picture_is_refused_until_restored(arm, camera):
+def test_click_in_mirrored_camera_picture_is_refused(arm, camera):
     clock, picture, q = ManualClock(), camera.take(), measured_joints(arm)
     view = CameraView(arm, video := Video(picture), clock)
     look(view, clock, q)
@@ -70,7 +70,7 @@ def test_click_in_mirrored_picture_is_refused_until_restored(arm, camera):
     view.close()
 
 
-def test_click_in_old_or_resized_picture_is_refused(arm, camera):
+def test_click_in_outdated_or_resized_camera_picture_is_refused(arm, camera):
     view = CameraView(arm, video := Video(camera.take(), is_fresh=False), ManualClock())
     with pytest.raises(BadMessageError, match="too old"):
         view.require_usable()
@@ -90,7 +90,7 @@ def test_click_in_picture_of_another_simulated_arm_is_refused(arm, camera):
     view.close()
 
 
-def test_camera_turned_away_from_board_counts_as_moved(arm, camera):
+def test_camera_facing_away_from_board_counts_as_moved(arm, camera):
     _, known = load_camera("so101", SIMULATED)
     T = camera.T_base_camera
     back = np.degrees(log_so3(T[:3, :3] * [1.0, -1.0, -1.0]))

@@ -184,7 +184,7 @@ def test_plain_http_does_not_get_page_from_tls_server(house):
         httpx.get(house[0].replace("https", "http"))
 
 
-def test_client_without_certificate_sees_self_signed_error(house):
+def test_https_client_rejects_self_signed_certificate(house):
     with pytest.raises(httpx.ConnectError, match="self-signed"):
         httpx.get(house[0])
 

@@ -58,15 +58,15 @@ def test_foreign_host_may_not_read_page():
     assert [host for host in FOREIGN_HOSTS if server(host, upgrade=False)] == []
 
 
-def test_foreign_origin_is_refused():
+def test_websocket_of_foreign_origin_is_refused():
     assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin)] == []
 
 
-def test_foreign_origin_may_not_fetch():
+def test_foreign_origin_may_not_fetch_page():
     assert [origin for origin in FOREIGN_ORIGINS if server(origin=origin, upgrade=False)] == []
 
 
-def test_a_socket_without_an_origin_is_refused():
+def test_websocket_without_origin_is_refused():
     assert not server(origin=None)
 
 

@@ -81,14 +81,14 @@ def test_xacro_on_page_runs_only_with_consent(panel, tmp_path):
 
 
 @pytest.mark.parametrize("source", ["/dev/zero", "nothing.urdf", ".."])
-def test_invalid_description_on_page_gives_one_sentence(panel, source):
+def test_invalid_arm_description_on_page_gives_one_sentence(panel, source):
     start(panel, source=source)
     wait_for(panel, ended)
     assert panel.fields()["error"].endswith(".")
 
 
 @pytest.mark.full
-def test_leaving_new_arm_dialogue_writes_nothing(panel, tmp_path):
+def test_cancelled_new_arm_dialogue_writes_nothing(panel, tmp_path):
     start(panel, source=CONFIGS / "so101" / "arm.urdf")
     wait_for(panel, asked("tip"))
     panel.close()
@@ -125,20 +125,20 @@ def test_page_on_other_machine_cannot_import_server_files(tmp_path):
     assert not panel.is_running
 
 
-def test_check_on_page_of_healthy_arm_reports_no_faults(panel):
+def test_arm_check_on_page_reports_no_faults_of_healthy_arm(panel):
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))
     wait_for(panel, ended)
     assert panel.fields()["result"] == "No faults found."
     assert any("all 6 answer at 1000000 baud" in line for line in panel.fields()["lines"])
 
 
-def test_search_on_page_names_arms_that_have_these_servos(panel):
+def test_servo_search_on_page_names_arms_that_match(panel):
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim", any_servos=True))
     wait_for(panel, ended)
     assert "✓ arm: these are the servos of so100, so101." in panel.fields()["lines"]
 
 
-def test_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
+def test_arm_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "silent"\nid = 3\n')
     panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", f"sim:?faults={faults}"))
@@ -148,7 +148,7 @@ def test_check_on_page_names_silent_servo_and_remedy(panel, tmp_path):
 
 
 @pytest.mark.full
-def test_set_up_on_page_gives_ids_and_can_begin_at_any_servo(panel):
+def test_servo_setup_on_page_assigns_ids_from_any_servo(panel):
     panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
     wait_for(panel, asked("Begin with the servo of"))
     assert panel.fields()["question"]["choices"][0] == "shoulder_pan"
@@ -164,7 +164,7 @@ def test_set_up_on_page_gives_ids_and_can_begin_at_any_servo(panel):
     assert panel.fields()["error"].startswith("Cancelled; this servo was not changed.")
 
 
-def test_second_dialogue_is_refused_while_one_runs(panel):
+def test_second_page_dialogue_is_refused_while_first_runs(panel):
     panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
     with pytest.raises(BadMessageError, match="Another dialogue is running"):
         panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))

@@ -41,7 +41,7 @@ def url(offers, clock):
 FILE = Download("arm.csv", lambda: iter(["a,b\r\n", "1,2\r\n"]))
 
 
-def test_download_is_served_once(url, offers):
+def test_download_link_works_only_once(url, offers):
     address = f"{url}/{offers.offer(FILE)}"
     response = httpx.get(address)
     assert response.text == "a,b\r\n1,2\r\n"
@@ -89,7 +89,7 @@ def test_history_of_moving_arm_is_downloaded_with_goals():
         assert "download" not in session.latest_frames()
 
 
-def test_stop_history_exists_only_after_stop():
+def test_plot_of_stop_is_available_only_after_a_stop():
     with ViewSession() as session:
         with pytest.raises(BadMessageError, match="Nothing has stopped"):
             session.send_message(msg.SaveHistory, stopped=True)

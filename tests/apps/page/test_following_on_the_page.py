@@ -74,7 +74,7 @@ def pair():
 
 
 @pytest.mark.full
-def test_follower_goes_where_leader_is_guided_and_shows_lag(pair):
+def test_follower_follows_hand_guided_leader_and_shows_lag(pair):
     pair.follow().until_followed()
     wanted = pair.guide("joint3", TURN_RAD)
     pair.until(lambda: any("ms" in value for _, value in pair.following["lag"]))
@@ -88,7 +88,7 @@ def test_follower_goes_where_leader_is_guided_and_shows_lag(pair):
 
 
 @pytest.mark.full
-def test_refused_follow_target_is_reported_and_last_goal_kept(pair, monkeypatch):
+def test_refused_leader_position_is_reported_and_last_goal_kept(pair, monkeypatch):
     def refuse(*_):
         raise RefusedError("The cup is in the way.")
 
@@ -144,7 +144,7 @@ def test_fault_of_leader_or_follower_ends_following(pair, fault, reported, leade
         assert registers(pair.follower.arm_thread.arm, "goal_position") == goals
 
 
-def test_leader_that_holds_or_is_missing_is_refused(pair):
+def test_leader_that_is_missing_or_has_torque_on_is_refused(pair):
     pair.leader.arm_thread.arm.enable()
     until(lambda: all(state.torque for state in pair.leader.arm_thread.snapshot.states))
     for name, why in [
@@ -158,7 +158,7 @@ def test_leader_that_holds_or_is_missing_is_refused(pair):
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.04, 0.2])
-def test_lag_meter_finds_time_shift_of_motions(lag_s):
+def test_follower_lag_meter_measures_delay_of_motion(lag_s):
     meter = LagMeter(("pan", "lift"))
 
     def led(time_s):
@@ -173,7 +173,7 @@ def test_lag_meter_finds_time_shift_of_motions(lag_s):
     assert found.joint == "pan"
 
 
-def test_lag_meter_reports_error_without_lag_of_still_leader():
+def test_lag_meter_reports_only_error_while_leader_is_still():
     meter = LagMeter(("pan",))
     for cycle in range(10):
         meter.record(cycle, np.array([0.5]), cycle, np.array([0.5]), np.array([0.4]))

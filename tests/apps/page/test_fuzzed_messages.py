@@ -104,7 +104,7 @@ COUNTS = pytest.mark.parametrize(
 
 
 @COUNTS
-def test_watcher_messages_change_nothing(session, count):
+def test_fuzzed_watcher_messages_change_nothing(session, count):
     watcher, command = session.connect(Permission.WATCH), session.arm_thread.command
 
     def receive(message):
@@ -120,7 +120,7 @@ def test_watcher_messages_change_nothing(session, count):
 
 
 @COUNTS
-def test_preview_messages_do_not_move_servos(session, count):
+def test_fuzzed_preview_messages_do_not_move_servos(session, count):
     before, others = registers(session.arm, "goal_position"), []
 
     def receive(message):
@@ -143,7 +143,7 @@ def test_preview_messages_do_not_move_servos(session, count):
 
 
 @pytest.mark.parametrize("count", [1_000, pytest.param(100_000, marks=pytest.mark.campaign)])
-def test_fuzzing_does_not_leak_memory(count):
+def test_fuzzed_page_messages_do_not_leak_memory(count):
     fuzz(500, seed=3, receive=lambda _: None)
     tracemalloc.start()
     fuzz(count, seed=4, receive=lambda _: None)

@@ -70,7 +70,7 @@ def test_goal_changes_are_undone_and_redone_one_by_one(session):
     assert (status["undo"], status["redo"], status["target"]) == (True, False, True)
 
 
-def test_slider_pull_and_arm_drag_are_one_undo_step_each(session):
+def test_slider_drag_and_arm_drag_are_one_undo_step_each(session):
     set_roll(session, 10.0)
     pause(session)
     for value in range(11, 20):
@@ -88,7 +88,7 @@ def test_slider_pull_and_arm_drag_are_one_undo_step_each(session):
 
 
 @pytest.mark.campaign
-def test_undo_in_live_moves_arm_back(session):
+def test_undo_in_live_mode_moves_arm_back(session):
     session.enable_live()
 
     def drive(number):
@@ -151,7 +151,7 @@ def test_stop_during_execute_holds_until_acknowledged(session):
 
 
 @pytest.mark.full
-def test_relax_and_release_are_not_reported_as_lost_torque(session):
+def test_commanded_torque_off_is_not_reported_as_torque_loss(session):
     act(session, "release")
     assert not any(registers(session.arm, "torque_enable").values())
     session.arm_thread.step()
@@ -183,7 +183,7 @@ def test_zoom_keeps_point_under_pointer_and_fit_resets_view(session, view):
     assert client.view == first
 
 
-def test_a_watcher_keeps_its_own_view_while_another_drags(session):
+def test_watcher_keeps_own_view_while_operator_drags_arm(session):
     watcher = session.connect(Permission.WATCH)
     session.send_message(page_messages.SetViewport, watcher, w=900, h=700, dpr=1, view="top")
     composer, clients = session.controller._composer, session.controller._clients

@@ -91,7 +91,7 @@ def until_idle(session):
     raise AssertionError("it plans on")
 
 
-def test_path_around_obstacle_is_shown_and_executed_as_planned(session):
+def test_planned_path_around_obstacle_is_executed_as_shown(session):
     aim_right(session)
     frames = session.planned()
     plan, path = session.interaction.path.plan, frames["scene"]["path"]
@@ -114,7 +114,7 @@ def test_path_around_obstacle_is_shown_and_executed_as_planned(session):
     assert session.latest_frames()["scene"]["path"] is None  # the arm is there
 
 
-def test_straight_path_is_shown_as_straight(session):
+def test_planned_straight_path_is_shown_as_straight(session):
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=20.0)
     frames = session.planned()
     assert rows(frames)["path"].startswith("straight, ")
@@ -163,7 +163,7 @@ def test_stop_ends_path_planning_and_discards_plan(session, monkeypatch, by):
     assert registers(session.arm, "goal_position") == before
 
 
-def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
+def test_newer_target_ends_path_search_for_older_one(session, monkeypatch):
     with slow_search(monkeypatch) as (begun, _):
         aim_right(session)
         until_begun(session, begun)
@@ -175,7 +175,7 @@ def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
     assert frames["scene"]["path"]["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
 
 
-def test_dragged_goal_is_searched_only_after_release(session, monkeypatch):
+def test_path_to_dragged_goal_is_planned_only_after_release(session, monkeypatch):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     tip_m = session.arm.where().tip_m
     start, end = (
@@ -207,7 +207,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize(("change", "reason"), CHANGES.values(), ids=CHANGES)
-def test_outdated_path_is_planned_again_instead_of_executed(session, change, reason):
+def test_outdated_path_is_replanned_instead_of_executed(session, change, reason):
     if reason == "The speed has changed":
         session.arm.move_joints({"wrist_roll": 0.1})  # the first motion, which is slow, is over
         session.arm_thread.step()
@@ -251,7 +251,7 @@ def test_path_shown_after_stop_is_executed_without_replanning(session):
     expect_along(plan, run_job(session))
 
 
-def test_thing_added_to_shown_path_is_avoided(session):
+def test_obstacle_added_to_shown_path_is_avoided(session):
     aim_right(session)
     session.planned()
     first = session.interaction.path
@@ -290,7 +290,7 @@ def test_limp_arm_executes_shown_path_unless_moved_by_hand():
         expect_along(plan, run_job(session))
 
 
-def test_path_of_sagging_arm_is_planned_again_and_executed():
+def test_path_of_sagging_arm_is_replanned_and_executed():
     with ViewSession() as session:
         session.arm.disable_torque()
         for _ in range(100):
@@ -356,7 +356,7 @@ def test_blocked_tip_target_is_reached_in_another_posture():
         assert session.interaction.goal is None
 
 
-def test_typed_joint_posture_is_not_replaced_but_refused():
+def test_colliding_typed_posture_is_refused_and_not_replaced():
     with ViewSession() as session:
         session.arm.scene.add("sphere", "the lamp", center_m=LAMP_M, radius_m=0.015)
         session.send_message(page_messages.SetTool, what="x", value=260.0)

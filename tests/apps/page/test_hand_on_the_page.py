@@ -32,7 +32,7 @@ def goal_tip_m(session):
     return session.arm.chain.forward(session.interaction.shown_goal)[:3, 3]
 
 
-def test_hand_moves_the_ghost_of_the_preview_and_no_servo(session):
+def test_tracked_hand_moves_preview_but_no_servo(session):
     before, ticks = true_tip_m(session.arm), session.ticks()
     for k in range(60):
         session.clock.sleep_until(session.clock.now_s() + 0.016)
@@ -41,7 +41,7 @@ def test_hand_moves_the_ghost_of_the_preview_and_no_servo(session):
     assert session.ticks() == ticks
 
 
-def test_closing_the_clutch_elsewhere_moves_nothing(session):
+def test_closing_clutch_at_another_hand_pose_moves_nothing(session):
     send(session)
     before = session.interaction.goal
     for k in range(20):
@@ -51,7 +51,7 @@ def test_closing_the_clutch_elsewhere_moves_nothing(session):
     np.testing.assert_allclose(session.interaction.goal, before, atol=1e-6)
 
 
-def test_arm_follows_the_hand_in_live_and_holds_when_it_is_lost(session):
+def test_arm_follows_tracked_hand_and_holds_when_it_is_lost(session):
     session.enable_live()
     before, tips = true_tip_m(session.arm), []
 
@@ -69,7 +69,7 @@ def test_arm_follows_the_hand_in_live_and_holds_when_it_is_lost(session):
     assert np.abs(np.array(tips[400:]) - tips[380]).max() < 2e-3
 
 
-def test_arm_slides_along_the_table_and_returns_with_the_hand(session):
+def test_tip_of_hand_guided_arm_slides_along_table(session):
     session.enable_live()
     seen = []
 
@@ -91,7 +91,7 @@ def test_arm_slides_along_the_table_and_returns_with_the_hand(session):
     assert np.abs(np.diff(np.array(session.goals), axis=0)).max() < math.radians(2.0)
 
 
-def test_page_says_what_holds_the_hand_back(session):
+def test_page_shows_what_limits_motion_of_tracked_hand(session):
     session.arm_thread.step()
     for k in range(60):
         session.clock.sleep_until(session.clock.now_s() + 0.016)
@@ -104,7 +104,7 @@ def test_page_says_what_holds_the_hand_back(session):
     assert session.interaction.marker.gap_m > 0.1
 
 
-def test_stopped_arm_opens_the_clutch(session):
+def test_stop_opens_clutch_of_tracked_hand(session):
     send(session)
     session.send_message(page_messages.Stop)
     session.arm_thread.step()
@@ -179,7 +179,7 @@ def lose_control(session):
 @pytest.mark.parametrize(
     "release", [pause, silence, stop_and_acknowledge, press_while_stopped, undo, go_to_pose]
 )
-def test_clutch_that_the_server_opened_needs_a_new_press(session, release):
+def test_clutch_opened_by_server_must_be_pressed_again(session, release):
     assert moved_by(session, clutch=1) > 0.01
     release(session)
     assert moved_by(session, clutch=1) == pytest.approx(0.0, abs=1e-6)
@@ -190,13 +190,13 @@ def test_clutch_that_the_server_opened_needs_a_new_press(session, release):
     assert moved_by(session, clutch=2) > 0.01
 
 
-def test_press_during_the_control_of_another_page_moves_nothing(session):
+def test_clutch_pressed_without_control_moves_nothing(session):
     lose_control(session)
     assert moved_by(session, clutch=1) == 0.0
     assert moved_by(session, clutch=2) > 0.01
 
 
-def test_new_press_without_a_release_latches_the_hand_again(session):
+def test_new_clutch_press_without_release_causes_no_jump(session):
     assert moved_by(session, clutch=1) > 0.01
     before = session.interaction.goal
     wait(session, 0.016)
@@ -204,7 +204,7 @@ def test_new_press_without_a_release_latches_the_hand_again(session):
     np.testing.assert_allclose(session.interaction.goal, before, atol=1e-6)
 
 
-def test_letting_go_is_accepted_however_late():
+def test_late_clutch_release_message_is_accepted():
     intake = MessageFilter(0.0, read_message)
     intake.record_sent(0.0)
     fields = {"kind": "track_hand", "seen": 0, "position": [0, 0, 0], "rotation": STILL}
@@ -214,6 +214,6 @@ def test_letting_go_is_accepted_however_late():
     assert not intake.accept(late, 5.0).held
 
 
-def test_rotation_that_is_none_is_refused(session):
+def test_hand_pose_with_invalid_rotation_is_refused(session):
     with pytest.raises(BadMessageError):
         send(session, rotation=(1.0, 1.0, 0.0, 0.0))

@@ -43,7 +43,7 @@ def fill(history, count, step_s=0.02, **fields):
     return history
 
 
-def test_history_keeps_positions_in_degrees_and_millimetres():
+def test_telemetry_history_uses_degrees_and_millimetres():
     history = make_history()
     history.record(snapshot(at=math.radians(30), goal=math.radians(32)), LINK, 0.0)
     assert column(history, "position") == pytest.approx([30.0])
@@ -52,7 +52,7 @@ def test_history_keeps_positions_in_degrees_and_millimetres():
     assert column(history, "error", "slide") == pytest.approx([10.0])
 
 
-def test_history_distinguishes_unmeasured_from_zero():
+def test_telemetry_history_distinguishes_missing_value_from_zero():
     history = make_history()
     history.record(snapshot(load_percent=None), LinkStatistics(0, None), 0.0)
     for quantity in ("goal", "error", "load", "current"):
@@ -96,7 +96,7 @@ def test_history_of_seven_joints_stays_below_10_mb():
     assert size_bytes(history) < 10e6
 
 
-def test_history_since_returns_only_newer_samples():
+def test_telemetry_history_query_returns_only_newer_samples():
     history = fill(make_history(), 50)
     assert history.since(0.9).times_s.tolist() == pytest.approx([0.92, 0.94, 0.96, 0.98])
     assert len(history.since(5.0).times_s) == 0
@@ -163,7 +163,7 @@ def test_closed_plots_do_not_send_frames():
     assert feed.frames(1, history, 3.0) == []
 
 
-def test_plots_send_past_first_then_updates_five_times_a_second():
+def test_plots_send_history_first_then_5_updates_per_second():
     history, feed = fill(make_history(), 500), PlotFeed()
     feed.choose(1, chosen("position", "round_trip", span_s=1), history)
     (first,) = feed.frames(1, history, 9.98)
@@ -187,7 +187,7 @@ def test_ten_minute_plot_is_thinned_to_about_600_samples():
     assert 590 <= len(first["times"]) <= 601
 
 
-def test_plot_of_stop_is_sent_once_with_its_reason():
+def test_plot_of_stop_is_sent_once_with_stop_reason():
     history, feed = fill(make_history(), 100), PlotFeed()
     history.mark_stop("low supply", snapshot(), LINK, 2.0)
     feed.choose(1, chosen("goal", stopped=True), history)

@@ -33,25 +33,25 @@ def intake():
     return MessageFilter(0.0, read_message)
 
 
-def test_messages_in_order_are_accepted(intake):
+def test_page_messages_in_order_are_accepted(intake):
     assert [intake.accept(text(seq), 0.0).seq for seq in (1, 2, 5)] == [1, 2, 5]
 
 
 @pytest.mark.parametrize("seq", [1, 2])
-def test_a_replayed_message_is_refused(intake, seq):
+def test_replayed_page_message_is_refused(intake, seq):
     intake.accept(text(2), 0.0)
     with pytest.raises(BadMessageError, match="was received before"):
         intake.accept(text(seq), 0.0)
 
 
-def test_a_message_about_an_old_scene_is_refused(intake):
+def test_page_message_about_outdated_scene_is_refused(intake):
     intake.record_sent(0.0)
     intake.record_sent(0.1)
     with pytest.raises(BadMessageError, match="1 s old"):
         intake.accept(text(1, 1, **POINTER), 0.1 + MAX_MESSAGE_AGE_S + 0.01)
 
 
-def test_lagging_page_is_not_disconnected(intake):
+def test_page_with_high_latency_is_not_disconnected(intake):
     intake.record_sent(0.0)
     for seq in range(1, 100):
         with pytest.raises(StaleMessageError):
@@ -67,14 +67,14 @@ def test_lagging_page_is_not_disconnected(intake):
         {"kind": "go_to_pose", "name": "home"},
     ],
 )
-def test_press_on_old_picture_is_reported_to_user(intake, press):
+def test_press_on_outdated_view_is_reported_to_user(intake, press):
     intake.record_sent(0.0)
     with pytest.raises(StalePressError, match="more than 1 s old, so nothing was done"):
         intake.accept(text(1, 0, **press), 9.0)
 
 
 @pytest.mark.parametrize("phase", ["hover", "move", "up"])
-def test_pointer_motion_on_old_picture_is_dropped_silently(intake, phase):
+def test_pointer_motion_on_outdated_view_is_dropped_silently(intake, phase):
     intake.record_sent(0.0)
     with pytest.raises(StaleMessageError) as caught:
         intake.accept(text(1, 0, **POINTER | {"phase": phase}), 9.0)
@@ -98,12 +98,12 @@ def test_late_stop_message_is_accepted(intake):
     assert isinstance(intake.accept(text(1, 1), 9.0), Stop)
 
 
-def test_message_about_latest_scene_is_never_too_old(intake):
+def test_page_message_about_latest_scene_is_never_outdated(intake):
     intake.record_sent(0.0)
     assert intake.accept(text(1, 1, **POINTER), 9.0).x == 1
 
 
-def test_message_that_refers_to_unsent_scene_is_refused(intake):
+def test_page_message_about_scene_not_yet_sent_is_refused(intake):
     with pytest.raises(BadMessageError, match="never sent"):
         intake.accept(text(1, 7), 0.0)
 
@@ -129,7 +129,7 @@ def test_300_messages_per_second_are_accepted(intake):
         intake.accept(text(seq), seq / 300)
 
 
-def test_twenty_bad_messages_end_connection(intake):
+def test_twenty_invalid_messages_end_page_connection(intake):
     assert taken(intake, ["{"] * 100) == 20
 
 
@@ -165,6 +165,6 @@ def test_refused_message_does_not_use_up_sequence_number(intake):
 
 
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
-def test_random_text_is_refused_without_other_error(words):
+def test_random_message_text_raises_only_refusal(words):
     with pytest.raises(BadMessageError):
         MessageFilter(0.0, read_message).accept(words, 0.0)

@@ -54,7 +54,7 @@ def calibrated(monkeypatch):
     return pairs
 
 
-def test_drawing_matches_limp_arm_once_directions_are_known(calibrated):
+def test_drawing_matches_limp_arm_once_joint_signs_are_known(calibrated):
     shown = [
         (drawn, at)
         for item, drawn, at in calibrated()
@@ -65,7 +65,7 @@ def test_drawing_matches_limp_arm_once_directions_are_known(calibrated):
     assert np.ptp([drawn for drawn, _ in shown], axis=0).min() > math.radians(60.0)
 
 
-def test_drawing_before_anchor_pose_turns_as_much_as_joints(calibrated):
+def test_drawing_before_calibration_turns_as_much_as_joints(calibrated):
     shown = [
         (drawn, at)
         for item, drawn, at in calibrated(moved_rad=0.3)

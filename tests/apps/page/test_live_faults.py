@@ -87,7 +87,7 @@ def test_hot_arm_that_lowers_itself_is_reported_limp():
     assert notice.message.endswith("torque is off; the arm is limp.")
 
 
-def test_pulled_cable_is_reported_until_port_is_back(monkeypatch):
+def test_pulled_cable_is_reported_until_port_returns(monkeypatch):
     with ViewSession() as session:
         line_of(session.arm).plugged = False
         session.arm_thread.step()

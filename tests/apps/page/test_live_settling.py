@@ -60,7 +60,7 @@ def test_tip_settles_on_clicked_point(arm, near_m, monkeypatch):
 
 
 @pytest.mark.full
-def test_settled_arm_stays_in_place_in_live(koch):
+def test_settled_arm_stays_in_place_in_live_mode(koch):
     tips_m = []
 
     def note(_):
@@ -73,7 +73,7 @@ def test_settled_arm_stays_in_place_in_live(koch):
 
 
 @pytest.mark.full
-def test_another_click_ends_settling_and_is_followed(koch):
+def test_click_during_settling_is_followed_at_once(koch):
     times_s = []
 
     def click(_):
@@ -90,7 +90,7 @@ def test_another_click_ends_settling_and_is_followed(koch):
 
 
 @pytest.mark.full
-def test_silent_page_during_settling_ends_live(koch):
+def test_silent_page_during_settling_ends_live_mode(koch):
     def on_cycle(_):
         if not koch.settling:
             koch.send_message(page_messages.Heartbeat, visible=True)
@@ -115,7 +115,7 @@ def test_refused_target_after_settling_is_reported_once(koch):
 
 
 @pytest.mark.full
-def test_live_page_shows_remaining_error_in_mm(koch):
+def test_page_in_live_mode_shows_remaining_error_in_mm(koch):
     koch.run_until(lambda: koch.settled)
     koch.send_message(page_messages.SetLive, on=True)
     koch.click(*CLICKS["koch"])

@@ -108,7 +108,7 @@ def test_each_simulated_arm_gets_its_own_simulated_camera():
         view.close()
 
 
-def test_unknown_camera_of_one_arm_is_shown_as_trouble(
+def test_unknown_camera_of_one_arm_is_shown_as_its_error(
     arm,
 ):
     so101, koch = (ArmAtPort(load_model(name), "sim") for name in ("so101", "koch"))
@@ -131,7 +131,7 @@ def test_unknown_camera_of_one_arm_is_shown_as_trouble(
 
 
 @pytest.mark.parametrize("stored", ["rtsp://…@cam/1", "rtsp://admin:older@cam/1"])
-def test_camera_with_password_is_known_by_its_public_name(arm, stored):
+def test_camera_name_on_page_does_not_contain_password(arm, stored):
     save_simulated_camera(arm, source=stored)
     given = "rtsp://admin:swordfish@cam/1"
     with PageCameras(RealClock(), ["0", given]) as cameras, ExitStack() as exits:

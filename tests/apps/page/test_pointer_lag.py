@@ -65,7 +65,7 @@ def test_higher_jerk_limit_reduces_pointer_lag_at_same_speed(monkeypatch):
 
 
 @pytest.mark.full
-def test_acceleration_ramps_take_12_5_ms_at_each_speed():
+def test_acceleration_ramps_take_12_5_ms_in_each_speed_class():
     with ViewSession() as session:
         planner = session.arm.context.planner
         for speed in ("slow", "normal", "fast"):

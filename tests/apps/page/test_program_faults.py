@@ -80,7 +80,7 @@ def try_everything(session):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["stop", *FAULTS])
-def test_fault_stops_program_until_it_is_acknowledged(session, kind):
+def test_servo_fault_stops_program_until_acknowledged(session, kind):
     numbers = teach_twenty(session)
     line = line_of(session.arm)
 

@@ -171,7 +171,7 @@ def test_servo_fault_stops_program_in_its_step(session, kind, words):
     assert session.arm_thread.snapshot.stop_notice is not None
 
 
-def test_check_names_all_impossible_steps_at_once(session):
+def test_program_check_on_page_lists_all_impossible_steps(session):
     teach_target(session, "wrist_roll", 20.0)
     folder = panel(session).draft.folder.path
     folder.mkdir(parents=True, exist_ok=True)
@@ -236,7 +236,7 @@ def save_program(folder, *steps, **options):
     write_program(folder / "parts.toml", Program(format=1, arm="so101", steps=made, **options))
 
 
-def test_program_with_a_missing_called_program_can_be_edited(session, own_folder):
+def test_program_whose_called_program_is_missing_can_be_edited(session, own_folder):
     save_program(own_folder, {"wait_s": 0.01}, {"program": "gone.toml"})
     session.send_message(msg.ProgramFile, action="load", name="parts")
     state = run(session, "check")
@@ -246,7 +246,7 @@ def test_program_with_a_missing_called_program_can_be_edited(session, own_folder
     session.send_message(msg.ProgramFile, action="new")
 
 
-def test_single_step_runs_a_whole_called_program(session, own_folder):
+def test_single_step_command_runs_whole_called_program(session, own_folder):
     save_program(own_folder, {"wait_s": 0.01}, {"wait_s": 0.01})
     (own_folder / "parts.toml").rename(own_folder / "inner.toml")
     save_program(own_folder, {"program": "inner.toml"}, {"wait_s": 0.01, "only_if": "grasped"},
@@ -259,7 +259,7 @@ def test_single_step_runs_a_whole_called_program(session, own_folder):
     assert (state["phase"], state["step"]) == ("paused", third)  # and nothing else was run
 
 
-def test_play_continues_in_the_repetition_in_which_it_paused(session, own_folder):
+def test_resumed_program_continues_in_same_repetition(session, own_folder):
     save_program(own_folder, {"wait_s": 0.01}, {"pause": "Look."}, repeat=5)
     session.send_message(msg.ProgramFile, action="load", name="parts")
     seen, number = [], panel(session).draft.steps[1].number
@@ -333,7 +333,7 @@ def test_saved_program_is_read_by_command_and_loaded_unchanged(session, own_fold
     assert panel(session).fields()["names"] == ["tea"]
 
 
-def test_bad_program_files_and_steps_are_refused(session, own_folder):
+def test_invalid_program_files_and_steps_are_refused_on_page(session, own_folder):
     kept = add(session, "wait")
     own_folder.mkdir()
     (own_folder / "broken.toml").write_text('format = 1\narm = "so101"\n[[steps]]\nwait_s = -1.0\n')
@@ -397,7 +397,7 @@ def record(session, on_cycle, cycles=60):
 
 
 @pytest.mark.full
-def test_limp_arm_is_recorded_by_hand_and_replayed_as_step(session):
+def test_hand_guided_recording_is_replayed_as_program_step(session):
     session.arm.disable_torque()
     world = line_of(session.arm).world
     world.grasp("wrist_roll", Hand(glide(0.0, 0.4, speed=0.8), limit=20.0))
@@ -426,7 +426,7 @@ def test_recording_of_arm_with_torque_on_is_refused(session):
 
 
 @pytest.mark.full
-def test_stop_ends_recording_which_can_be_added_later(session):
+def test_stop_ends_recording_that_remains_usable_as_step(session):
     session.arm.disable_torque()
     record(session, lambda count: count == 3 and session.send_message(page_messages.Stop))
     assert session.arm_thread.snapshot.stop_count == 1

@@ -74,13 +74,13 @@ def scene(tmp_path):
         ("the wall", (0.3, 2.0, 1.0), 0.8),
     ],
 )
-def test_scene_things_are_placed_with_margin_as_in_file(scene, name, point, distance_m):
+def test_scene_objects_have_place_and_margin_of_scene_file(scene, name, point, distance_m):
     rows = {each.name: each.row for each in read_scene(scene())}
     found_m = point_shape_distance(*point, np.array([rows[name]]), 0)
     assert found_m == pytest.approx(distance_m - 0.01, abs=1e-12)
 
 
-def test_scene_thing_blocks_arm_and_is_drawn_on_page(scene):
+def test_scene_object_blocks_arm_and_is_drawn_on_page(scene):
     model = with_scene(load_model("so101"), scene())
     drawn = [fields for each in model.keep_out if (fields := thing_fields(each))["drawn"]]
     assert [each["name"] for each in drawn] == ["the shelf", "the can", "the ball"]
@@ -113,12 +113,12 @@ def test_malformed_scene_error_names_key(scene, text, where):
         read_scene(scene(text))
 
 
-def test_scene_direction_without_length_is_refused(scene):
+def test_scene_direction_vector_of_zero_length_is_refused(scene):
     with pytest.raises(BadValueError, match="the wall"):
         read_scene(scene(SCENE.replace("[2, 0, 0]", "[0, 0, 0]")))
 
 
-def test_half_space_does_not_depend_on_its_point_in_plane():
+def test_half_space_does_not_depend_on_chosen_point_of_plane():
     (far,), (near,) = (
         [make_shape("half_space", "the wall", {"point_m": point, "normal": (0.0, -1.0, 0.0)})]
         for point in ((12.0, 0.1, -30.0), (0.0, 0.1, 0.0))
@@ -148,7 +148,7 @@ def test_duplicate_scene_name_is_refused(tmp_path, name):
         ("half_space", {"point_m": (0, 0, 0), "normal": (0, 0, 1e300)}),
     ],
 )
-def test_oversized_or_distant_thing_is_refused(kind, sizes):
+def test_oversized_or_distant_scene_object_is_refused(kind, sizes):
     with pytest.raises(FileFormatError, match="at most"):
         make_shape(kind, "the sun", sizes)
 
@@ -166,7 +166,7 @@ def test_written_scene_is_read_back_with_same_shapes(scene, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "half_space"])
-def test_thing_description_has_its_original_sizes(scene, kind):
+def test_scene_object_description_has_its_original_sizes(scene, kind):
     no_margin = SCENE.replace("margin_m = 0.01", "")
     thing = {"box": 0, "cylinder": 1, "sphere": 2, "half_space": 3}[kind]
     found, sizes = describe_thing(read_scene(scene(no_margin))[thing])
@@ -178,7 +178,7 @@ def test_thing_description_has_its_original_sizes(scene, kind):
         assert point_shape_distance(*point, row[None], 0) == pytest.approx(far_m, abs=1e-9)
 
 
-def test_other_arm_in_scene_is_read_written_and_never_ignored(scene, tmp_path):
+def test_second_arm_of_scene_file_is_read_and_required_open(scene, tmp_path):
     path = scene(SCENE + ARM)
     things, arms = read_scene_with_arms(path)
     assert arms == (
@@ -192,12 +192,12 @@ def test_other_arm_in_scene_is_read_written_and_never_ignored(scene, tmp_path):
 
 
 @pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.01), (0.0, 500.0, 0.0)])
-def test_other_arm_at_same_place_or_off_table_is_refused(scene, at_m):
+def test_second_arm_at_same_place_or_off_table_is_refused(scene, at_m):
     with pytest.raises(FileFormatError, match="at_m of the second"):
         read_scene_with_arms(scene(f'[[arm]]\nname = "the second"\nat_m = {list(at_m)}\n'))
 
 
-def test_angles_of_thing_pointing_down_give_its_rotation():
+def test_euler_angles_of_downward_object_match_its_rotation():
     R = rotation_rpy(*np.radians([10.0, 90.0, 20.0]))
     again = rotation_rpy(*np.radians(turned_deg(R)))
     np.testing.assert_allclose(again, R, atol=1e-9)

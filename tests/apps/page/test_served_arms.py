@@ -67,7 +67,7 @@ def live(arm):
 
 
 @pytest.mark.full
-def test_stopping_one_arm_leaves_other_live_until_stop_all(two_arms):
+def test_stop_of_one_arm_leaves_other_in_live_mode(two_arms):
     arms, listed = two_arms
     for arm in arms.all():
         live(arm)
@@ -83,7 +83,7 @@ def test_stopping_one_arm_leaves_other_live_until_stop_all(two_arms):
 
 @pytest.mark.full
 @pytest.mark.parametrize("key", ["Space", "Escape"])
-def test_arms_stopped_by_key_report_the_key(two_arms, key):
+def test_stop_reason_of_arms_stopped_by_key_names_the_key(two_arms, key):
     arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     for arm in arms.all():
@@ -130,7 +130,7 @@ def test_arm_is_opened_and_closed_from_list_with_torque_off(two_arms):
 
 
 @pytest.mark.full
-def test_second_arm_of_same_kind_gets_own_name(two_arms):
+def test_second_arm_of_same_model_gets_its_own_name(two_arms):
     arms, _ = two_arms
     arms.start_opening(ArmAtPort(load_model("koch"), "sim"))
     until(lambda: arms.find("koch-2"))
@@ -180,7 +180,7 @@ def test_watcher_can_stop_arms_but_not_open_or_close_them(two_arms):
     assert all(arm.arm_thread.arm.stop_reason for arm in arms.all())
 
 
-def test_own_arms_are_listed_with_their_current_port(tmp_path, monkeypatch):
+def test_calibrated_arms_are_listed_with_their_current_port(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     adapter = SerialAdapter("/dev/ttyACM3", "", 0x1A86, 0x55D3, "58FA0834561")
     monkeypatch.setattr(arm_choices, "list_adapters", lambda: [adapter])

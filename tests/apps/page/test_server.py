@@ -64,7 +64,7 @@ def refused_upgrade(url, **options):
     return refused.value.response.status_code
 
 
-def test_server_serves_page(url):
+def test_server_delivers_page(url):
     assert "<canvas" in httpx.get(url).text
 
 
@@ -75,7 +75,7 @@ def test_content_security_policy_excludes_foreign_sources(url, path):
     assert "http" not in policy
 
 
-def test_refused_upgrade_logs_nothing(url, caplog):
+def test_refused_websocket_upgrade_is_not_logged(url, caplog):
     refused_upgrade(url, origin="http://evil.example")
     assert not caplog.records
 
@@ -111,16 +111,16 @@ def test_foreign_host_gets_403_for_every_page(url, path):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
-def test_foreign_origin_does_not_get_socket(url, controller, origin):
+def test_client_of_foreign_origin_does_not_get_websocket(url, controller, origin):
     assert refused_upgrade(url, origin=origin) == 403
     assert not controller.rights
 
 
-def test_missing_origin_does_not_get_socket(url):
+def test_client_without_origin_does_not_get_websocket(url):
     assert refused_upgrade(url, origin=None) == 403
 
 
-def test_key_in_cookie_does_not_open_socket(url, keys, visit):
+def test_access_key_in_cookie_does_not_open_websocket(url, keys, visit):
     client = visit(additional_headers={"cookie": f"token={keys.control}"})
     client.send("{}")
     assert client.closing_code() == 4401
@@ -131,7 +131,7 @@ def test_client_with_control_key_gets_control(visit, controller, keys):
     assert controller.rights == [Permission.CONTROL]
 
 
-def test_scene_frames_resend_only_changed_fields(visit, controller, keys):
+def test_scene_updates_contain_only_changed_fields(visit, controller, keys):
     controller.show = [{"kind": "cross", "at": [1.0, 2.0]}]
     client = visit().prove(keys.control)
     scene = client.receive_kind("scene")
@@ -201,7 +201,7 @@ def test_oversized_message_is_refused(visit, controller, keys):
 
 
 @pytest.mark.parametrize("size", [5 * MAX_MESSAGE_BYTES, 2_000_000])
-def test_a_huge_message_ends_the_connection_unread(visit, controller, keys, size):
+def test_huge_page_message_ends_connection_without_being_read(visit, controller, keys, size):
     client = visit().prove(keys.control)
     with suppress(websockets.ConnectionClosed):  # before all of it was sent
         client.send_message("stop", pad="x" * size)
@@ -230,7 +230,7 @@ def test_next_scene_waits_for_heartbeat_of_page(visit, keys):
     assert [*numbers, client.receive_kind("scene")["seq"]] == [1, 2, 3]
 
 
-def test_disconnected_client_is_forgotten(visit, controller, keys, url):
+def test_disconnected_client_is_removed_from_server(visit, controller, keys, url):
     client = SocketClient(url).prove(keys.control)
     client.receive_kind("scene")
     client.close()
@@ -297,7 +297,7 @@ def is_open(waiting):
         return False
 
 
-def test_an_address_in_use_is_reported(url):
+def test_listen_address_in_use_is_reported(url):
     from ikservo.errors import PortError
 
     port = int(url.rpartition(":")[2])

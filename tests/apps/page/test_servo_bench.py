@@ -93,14 +93,14 @@ def test_servos_without_arm_file_are_found_and_get_new_id(line, transport):
     assert {row["id"] for row in moved["servos"]} <= {1, 9}
 
 
-def test_servo_search_can_be_closed_at_once(monkeypatch, transport):
+def test_servo_search_on_page_can_be_cancelled_at_once(monkeypatch, transport):
     transport.line.servos.clear()
     session = opened(None, "/dev/ttyUSB7")
     session.until("line", lambda frame: frame["done"] is not None)
     session.bench.close()
 
 
-def test_lost_servo_port_is_opened_again(line, transport):
+def test_lost_port_of_servo_page_is_reopened(line, transport):
     line.until("line", lambda frame: len(frame["servos"]) == 2)
     write = transport.write
 
@@ -122,7 +122,7 @@ def test_plot_of_servo_register_shows_its_value(session):
     assert first["values"][0][0] == 7.4
 
 
-def test_wrong_servo_commands_are_answered_with_notes(session):
+def test_invalid_servo_commands_on_page_show_a_note(session):
     for fields, said in (
         ({"joint": "elbow"}, "elbow_flex"),
         ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "cannot write"),
@@ -157,7 +157,7 @@ def test_wrong_servo_commands_are_answered_with_notes(session):
         {"kind": "write_register", "joint": "../x", "name": "p_gain", "value": "1"},
     ],
 )
-def test_foreign_or_malformed_bench_message_is_refused(words):
+def test_foreign_or_malformed_servo_page_message_is_refused(words):
     with pytest.raises(BadMessageError):
         read_bench_message(json.dumps({"seq": 1, "seen": 0, **words}))
 
@@ -229,7 +229,7 @@ def test_trial_gains_are_plotted_and_former_gains_restored(raised):
 
 
 @pytest.mark.full
-def test_better_gains_are_suggested(raised):
+def test_servo_page_suggests_better_gains(raised):
     raised.act("suggest", joint="elbow_flex")
     trial = raised.until("trial", lambda frame: True)
     assert trial["gains"]["p_gain"] >= 32
@@ -260,7 +260,7 @@ def test_gain_trial_needs_servo_of_an_arm(line):
 
 
 @pytest.mark.parametrize("end", ["stop", "leave", "close"])
-def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
+def test_end_of_gain_trial_restores_former_gains(monkeypatch, end):
     lines, write, stop = [], gain_search.write_gains, Arm.stop
     changed, stopped = threading.Event(), threading.Event()
 
@@ -295,7 +295,7 @@ def test_ended_gain_trial_restores_former_gains(monkeypatch, end):
     assert servo.memory.get("p_gain") == 32
 
 
-def test_joint_is_found_at_its_new_servo_id(session):
+def test_servo_page_finds_joint_at_its_new_servo_id(session):
     session.act("move", joint="elbow_flex", address=(9, 1_000_000))
     session.note("Change id 3 in the arm file")
     session.send("read_servo", joint="elbow_flex")

@@ -52,7 +52,7 @@ def test_servo_table_is_sent_once_after_reading(session):
     assert "servo" not in session.latest_frames()
 
 
-def test_register_is_not_written_while_joint_holds(session):
+def test_register_is_not_written_while_torque_is_on(session):
     tip_m = session.arm.where().tip_m
     for register in ("torque_limit", "p_gain", "acceleration"):
         assert (
@@ -80,7 +80,7 @@ def test_register_is_written_with_unit_and_shown(session):
         ("p_gian", "3", "p_gain"),
     ],
 )
-def test_forbidden_register_write_is_note_and_stops_nothing(session, register, value, said):
+def test_refused_register_write_shows_note_without_stop(session, register, value, said):
     session.arm.disable_torque()
     before = held(session).read("p_gain")
     shown = write(session, register, value)
@@ -99,7 +99,7 @@ def test_protected_register_cannot_be_written_on_page(session, register):
         write(session, register, "1")
 
 
-def test_register_that_aliases_goal_cannot_be_written(session):
+def test_register_shared_with_goal_cannot_be_written_on_page(session):
     session.arm.disable_torque()
     assert "cannot write" in write(session, "profile_velocity", "5")["note"]
 
@@ -110,7 +110,7 @@ def test_watcher_cannot_read_servo(session):
         session.send_message(page_messages.ReadServo, watcher, joint="elbow_flex")
 
 
-def test_silent_servo_in_servo_panel_stops_arm(session):
+def test_silent_servo_found_by_servo_panel_stops_arm(session):
     line = line_of(session.arm)
     line.faults.add(Fault("silent", id=3, at_s=line.world.time_s))
     session.send_message(page_messages.ReadServo, joint="elbow_flex")

@@ -35,7 +35,7 @@ def shown(session, client=None):
     return {each["name"]: each for each in frame["things"]}
 
 
-def test_a_thing_is_added_changed_renamed_and_removed(session):
+def test_page_adds_changes_renames_and_removes_scene_object(session):
     session.latest_frames()
     session.send_message(things.AddThing, shape="box")
     assert set(shown(session)) == {"the box 1"}
@@ -55,7 +55,7 @@ def test_a_thing_is_added_changed_renamed_and_removed(session):
 
 
 @pytest.mark.parametrize("shape", ["box", "cylinder", "sphere"])
-def test_new_things_get_unique_names_and_touch_nothing(session, shape):
+def test_new_scene_objects_have_unique_names_and_are_free(session, shape):
     for _ in range(2):
         session.send_message(things.AddThing, shape=shape)
     first, second = session.arm.scene.names
@@ -65,7 +65,7 @@ def test_new_things_get_unique_names_and_touch_nothing(session, shape):
 
 @pytest.mark.parametrize("start", ["home", "rest"])
 @pytest.mark.parametrize("name", ["so101", pytest.param("wx250s", marks=pytest.mark.full)])
-def test_new_things_stand_in_front_of_arm_and_apart(name, start):
+def test_new_scene_objects_are_placed_apart_in_front_of_arm(name, start):
     with ViewSession(open_arm(name, f"sim:?pose={start}")) as session:
         home = dict(session.arm.model.pose("home"))
         front_m = session.arm.chain.forward(
@@ -81,7 +81,7 @@ def test_new_things_stand_in_front_of_arm_and_apart(name, start):
         assert session.arm.plan_to(centres[0] + [0, 0, 0.08]).solution.reached
 
 
-def test_number_of_things_is_limited_to_100(session):
+def test_number_of_scene_objects_is_limited_to_100(session):
     session.send_message(things.AddThing, shape="sphere")
     (ball,) = session.arm.scene.things
     more = {f"ball {i}": replace(ball, name=f"ball {i}") for i in range(100)}
@@ -90,7 +90,7 @@ def test_number_of_things_is_limited_to_100(session):
         session.send_message(things.AddThing, shape="sphere")
 
 
-def test_unchanged_things_are_sent_only_once(session):
+def test_unchanged_scene_objects_are_sent_to_page_once(session):
     session.send_message(things.AddThing, shape="sphere")
     assert shown(session)
     assert "things" not in session.latest_frames()
@@ -109,7 +109,7 @@ def test_unchanged_things_are_sent_only_once(session):
         (things.RemoveThing, {"name": "the cup"}, "no thing named 'the cup'"),
     ],
 )
-def test_invalid_thing_change_is_refused(session, message, fields, sentence):
+def test_invalid_change_of_scene_object_is_refused(session, message, fields, sentence):
     session.send_message(things.AddThing, shape="sphere")
     (before,) = session.arm.scene.things
     with pytest.raises(BadMessageError, match=sentence):
@@ -117,7 +117,7 @@ def test_invalid_thing_change_is_refused(session, message, fields, sentence):
     assert session.arm.scene.things == (before,)
 
 
-def test_things_cannot_change_in_live_or_by_watcher(session):
+def test_scene_cannot_change_in_live_mode_or_by_watcher(session):
     watcher = session.connect(Permission.WATCH)
     with pytest.raises(BadMessageError, match="can only watch"):
         session.send_message(things.AddThing, watcher, shape="box")
@@ -127,7 +127,7 @@ def test_things_cannot_change_in_live_or_by_watcher(session):
     assert session.arm.scene.names == ()
 
 
-def test_dragged_thing_moves_when_it_is_dropped(session):
+def test_dragged_scene_object_moves_when_dropped(session):
     session.send_message(things.AddThing, shape="box")
     session.send_message(things.ChangeThing, name="the box 1", center_m=(0.1, 0.25, 0.03))
     at = session.camera().project(np.array([0.1, 0.25, 0.03]))[0].tolist()
@@ -144,7 +144,7 @@ def test_dragged_thing_moves_when_it_is_dropped(session):
     assert session.arm.scene.things == (moved,)
 
 
-def test_things_are_saved_as_scene_file(session, tmp_path):
+def test_scene_objects_are_saved_as_scene_file(session, tmp_path):
     for shape in ("box", "cylinder", "sphere"):
         session.send_message(things.AddThing, shape=shape)
     session.send_message(things.SaveThings)
@@ -187,7 +187,7 @@ class Table:
         return next(each for each in frames if each["kind"] == "things")
 
 
-def test_other_arm_of_page_is_placed_drawn_and_saved(tmp_path):
+def test_second_arm_of_page_is_placed_drawn_and_saved(tmp_path):
     with Table() as table:
         table.send("so101", things.AddArm, name="koch")
         table.send("so101", things.ChangeThing, name="koch", at_m=(0.45, None, None))
@@ -210,7 +210,7 @@ def test_other_arm_of_page_is_placed_drawn_and_saved(tmp_path):
         assert table.scene("so101").names == ()
 
 
-def test_unknown_own_or_moving_arm_cannot_be_placed():
+def test_only_other_resting_arm_can_be_placed_in_scene():
     with Table() as table:
         for name in ("so101", "px150"):
             with pytest.raises(BadMessageError, match="No other arm"):
@@ -222,7 +222,7 @@ def test_unknown_own_or_moving_arm_cannot_be_placed():
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_arms_of_scene_stay_obstacles_after_reopening():
+def test_placed_arms_stay_obstacles_after_reopening():
     beside = [PlacedArm("koch", (0.45, 0.0, 0.0), (0.0, 0.0, 180.0))]
     with Table(beside=beside) as table:
         arm = table.arms.find("so101").arm_thread.arm

@@ -65,7 +65,7 @@ def test_tool_handles_match_degrees_of_freedom_of_arm(name, moves, turns):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("session", ["so101", "wx250s", "px100"], indirect=True)
-def test_ring_turns_tool_about_its_axis_and_keeps_tip(session):
+def test_ring_handle_turns_tool_about_its_axis_and_keeps_tip(session):
     session.enable_live()
     axes, handles = handle_axes(session)
     for axis in axes.T[: handles.description["turns"]]:
@@ -85,7 +85,7 @@ def test_ring_turns_tool_about_its_axis_and_keeps_tip(session):
 @pytest.mark.parametrize(
     ("session", "keeps_heading"), [("so101", False), ("wx250s", True)], indirect=["session"]
 )
-def test_arrow_shifts_tip_and_keeps_pitch(session, keeps_heading):
+def test_arrow_handle_shifts_tip_and_keeps_pitch(session, keeps_heading):
     session.enable_live()
     before = true_pose(session)
     drag_by(session, shift=(0.0, 0.06, -0.02))
@@ -119,7 +119,7 @@ def test_tool_turn_past_joint_limits_is_reported(session):
     assert reported.startswith("The tool cannot have this orientation here (")
 
 
-def test_tool_move_without_press_or_after_stop_does_nothing(session):
+def test_tool_handle_without_press_or_after_stop_moves_nothing(session):
     drag(session, "move", shift=(0.0, 0.03, 0.0))
     assert session.interaction.goal is None
     drag(session, "down")

@@ -52,7 +52,7 @@ def test_moving_limp_arm_shows_torque_on_from_first_cycle(limp):
     assert set(said[0]) == {"on"}
 
 
-def test_stop_of_moving_formerly_limp_arm_says_torque_stays_on(limp):
+def test_stop_during_first_motion_reports_that_torque_stays_on(limp):
     go_there(limp, lambda: limp.send_message(page_messages.Stop, by="Escape"))
     notice = limp.arm_thread.snapshot.stop_notice
     assert notice.message == "Stopped by the Escape key on the page; torque stays on."
@@ -77,7 +77,7 @@ def test_stop_of_limp_arm_drops_queued_commands(limp):
     assert set(torque(limp)) == {"off"}
 
 
-def test_stop_of_unreadable_arm_is_latched(limp):
+def test_stop_is_latched_even_if_arm_cannot_be_read(limp):
     line_of(limp.arm).plugged = False
     limp.send_message(page_messages.Stop)
     limp.arm_thread.step()
@@ -90,7 +90,7 @@ def test_stop_by_another_program_is_latched_on_limp_arm(limp):
     assert limp.arm_thread.snapshot.stop_notice is not None
 
 
-def test_simultaneous_stop_names_servo_that_lost_torque(session):
+def test_stop_notice_names_servo_that_lost_torque(session):
     line = line_of(session.arm)
     line.servos[servo_id("so101", "wrist_flex")].write("torque_enable", 0)
     session.send_message(page_messages.Stop, by="button")

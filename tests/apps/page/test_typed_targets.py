@@ -28,7 +28,7 @@ def goal_of(session, joint):
 @pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("joint", "value"), [("wrist_roll", 25.0), ("gripper", 12.0)])
-def test_typed_joint_in_live_moves_only_that_joint(session, joint, value):
+def test_typed_joint_value_moves_only_that_joint_in_live_mode(session, joint, value):
     session.enable_live()
     before = true_joints(session.arm)
     session.send_message(page_messages.SetJoint, joint=joint, value=value)
@@ -39,7 +39,7 @@ def test_typed_joint_in_live_moves_only_that_joint(session, joint, value):
             assert abs(at - before[name]) < math.radians(1.0)
 
 
-def test_typed_joint_in_preview_moves_only_goal(session):
+def test_typed_joint_value_moves_only_goal_in_preview_mode(session):
     before = registers(session.arm, "goal_position")
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=25.0)
     session.run()
@@ -68,7 +68,7 @@ def test_impossible_typed_target_is_refused(session, message, fields, words):
     assert session.interaction.goal is goal
 
 
-def test_joint_steps_end_at_joint_limit(session):
+def test_joint_step_buttons_stop_at_joint_limit(session):
     session.send_message(page_messages.SetJoint, joint="elbow_flex", value=90.0)
     session.send_message(page_messages.JogJoint, joint="elbow_flex", step=5.0)
     assert math.degrees(goal_of(session, "elbow_flex")) == pytest.approx(95.0)
@@ -80,7 +80,7 @@ def test_joint_steps_end_at_joint_limit(session):
 
 
 @pytest.mark.full
-def test_tool_steps_move_tip_along_one_axis(session):
+def test_tool_step_buttons_move_tip_along_one_axis(session):
     before_m = true_tip_m(session.arm)
     session.enable_live()
     for _ in range(4):
@@ -90,7 +90,7 @@ def test_tool_steps_move_tip_along_one_axis(session):
     assert moved_m == pytest.approx([0.0, 0.0, 0.02], abs=0.002)
 
 
-def test_point_tool_down_keeps_the_tip_in_place(session):
+def test_point_tool_down_button_keeps_tip_in_place(session):
     before_m = session.arm.chain.forward(session.arm.joint_index.chain_joints(
         session.arm_thread.snapshot.measured))[:3, 3]  # fmt: skip
     session.send_message(page_messages.PointTool, direction=[0.0, 0.0, -2.0])
@@ -117,7 +117,7 @@ def test_torque_of_one_servo_is_switched_off_and_on_in_place(session):
     ]
 
 
-def test_torque_cannot_be_switched_in_live_or_after_stop(session):
+def test_torque_cannot_be_switched_in_live_mode_or_after_stop(session):
     session.enable_live()
     with pytest.raises(BadMessageError, match="stays on while Live is on"):
         session.send_message(page_messages.SetTorque, joint="wrist_roll", on=False)
@@ -132,7 +132,7 @@ def test_torque_cannot_be_switched_in_live_or_after_stop(session):
     assert all(registers(session.arm, "torque_enable").values())
 
 
-def test_gripper_preview_opens_fully_and_shows_ghost(session):
+def test_gripper_preview_opens_fully_and_is_drawn(session):
     for _ in range(40):
         session.clock.sleep_until(session.clock.now_s() + 0.05)
         session.send_message(page_messages.Gamepad, axes=[0, 0, 0, 0], grip=-1.0)

@@ -77,7 +77,7 @@ def test_camera_picture_is_streamed_once_per_address(film):
         client.close()
 
 
-def test_camera_is_read_only_while_watched():
+def test_camera_is_read_only_while_its_picture_is_shown():
     webcam, clock = Webcam(), SteppedClock()
     with VideoSource("0", clock, webcam.open) as source:
         assert (webcam.opened, source.trouble) == (0, "")
@@ -95,7 +95,7 @@ def test_camera_is_read_only_while_watched():
         until(lambda: webcam.released == webcam.opened)
 
 
-def test_camera_with_late_picture_is_lost_after_ten_seconds():
+def test_camera_without_picture_for_10_s_counts_as_lost():
     webcam, clock = Webcam(), SteppedClock()
     with VideoSource("0", clock, webcam.open) as source:
         loop, looking = asyncio.new_event_loop(), source.stream()
@@ -143,7 +143,7 @@ def test_missing_camera_is_refused(source):
         VideoSource(source, RealClock())
 
 
-def test_camera_name_hides_secrets_of_its_address():
+def test_camera_name_omits_secrets_of_its_address():
     source = VideoSource("http://user:secret@cam.lan:8080/video?key=secret", RealClock())
     assert source.name == "…@cam.lan:8080/video?…"
     assert VideoSource("http://[cam", RealClock()).name == "…"
@@ -163,7 +163,7 @@ def test_camera_probe_prints_nothing_from_driver():
 
 
 @pytest.mark.full
-def test_page_without_camera_refuses_to_show_one():
+def test_page_without_camera_refuses_camera_view():
     app = ViewApp([ArmAtPort(load_model("planar2"), "sim")])
     with app as urls, app.serve_in_thread():
         client = SocketClient(urls.control.partition("/#")[0], path="/arms").prove(app.keys.control)

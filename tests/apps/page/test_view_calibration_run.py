@@ -75,7 +75,7 @@ def test_calibration_screens_follow_stages_until_saved(screens, tmp_path):
 @pytest.mark.parametrize(
     ("screens", "narrow"), [("accept", False), ("protect", True)], indirect=["screens"]
 )
-def test_servo_limits_are_written_only_if_user_answers_protect(screens, narrow):
+def test_servo_limits_are_written_only_after_answer_protect(screens, narrow):
     saved = read_calibration(Path(screens["saved"]["lines"][0]))
     held_ticks = [joint.servo.holds["max_position_limit"] for joint in saved.joints]
     assert (max(held_ticks) < WHOLE_TURN) is narrow
@@ -88,7 +88,7 @@ def test_review_warns_of_servo_limits_inside_swept_range(hidden):
     assert any("joint2: its servo's own limits" in line for line in review["lines"])
 
 
-def test_undo_at_review_returns_to_sweep_and_can_be_saved(hidden):
+def test_calibration_undo_at_review_on_page_returns_to_sweep(hidden):
     screens = screens_of(hidden, "undo", "accept")
     assert [choice["answer"] for choice in screens["review"]["choices"]] == [
         "accept", "protect", "undo", "cancel"]  # fmt: skip
@@ -96,7 +96,7 @@ def test_undo_at_review_returns_to_sweep_and_can_be_saved(hidden):
 
 
 @pytest.mark.parametrize("hidden", [math.radians(28.0)], indirect=True)
-def test_an_implausible_zero_is_asked_about_before_it_is_saved(hidden, tmp_path):
+def test_implausible_zero_needs_confirmation_on_page(hidden, tmp_path):
     review = screens_of(hidden, "cancel")["review"]
     assert 'exactly as in the pose "home"' in review["task"]
     assert any("the zero seems to be off by 2" in line for line in review["lines"])
@@ -104,12 +104,12 @@ def test_an_implausible_zero_is_asked_about_before_it_is_saved(hidden, tmp_path)
 
 
 @pytest.mark.parametrize("hidden", [math.radians(28.0)], indirect=True)
-def test_an_implausible_zero_that_is_confirmed_is_saved(hidden):
+def test_confirmed_implausible_zero_is_saved_on_page(hidden):
     screens = screens_of(hidden, "accept", "accept")
     assert Path(screens["saved"]["lines"][0]).is_file()
 
 
-def test_calibration_answer_counts_only_for_its_own_screen(hidden):
+def test_calibration_answer_to_another_screen_is_ignored(hidden):
     calibration = CalibrationDriver(load_model(hidden.name), "/dev/ttyBENCH", "home")
     script, reviewed, late = ScriptedAnswers(), 0, 0
     calibration.request_start()
@@ -127,14 +127,14 @@ def test_calibration_answer_counts_only_for_its_own_screen(hidden):
     assert reviewed == 20
 
 
-def test_unsuitable_calibration_answer_is_explained(calibration):
+def test_unsuitable_calibration_answer_shows_reason(calibration):
     talks = calibration.run()
     calibration.put_answer("skip nowhere", next(talks).number)
     assert "no joint named" in str(next(talks).item.error)
     talks.close()
 
 
-def test_cancel_ends_calibration(calibration):
+def test_cancel_button_ends_calibration_on_page(calibration):
     talks = calibration.run()
     calibration.put_answer("cancel", next(talks).number)
     assert len(list(talks)) <= 1

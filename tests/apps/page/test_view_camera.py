@@ -32,7 +32,7 @@ def test_projected_point_unprojects_to_same_point(camera, point):
 
 @laws
 @given(cameras, pixels, depths)
-def test_points_of_ray_project_to_its_pixel(camera, px, depth_m):
+def test_points_on_view_ray_project_to_its_pixel(camera, px, depth_m):
     ray = camera.ray(px)
     way_m = depth_m / float(ray.direction @ camera.forward)
     seen, seen_depth = camera.project(ray.at(way_m))
@@ -42,7 +42,7 @@ def test_points_of_ray_project_to_its_pixel(camera, px, depth_m):
 
 @laws
 @given(cameras, pixels, depths, st.floats(-300, 300), st.floats(-300, 300))
-def test_pixel_shift_is_parallel_to_screen(camera, px, depth_m, dx, dy):
+def test_pixel_shift_moves_point_parallel_to_screen(camera, px, depth_m, dx, dy):
     there = camera.unproject(px, depth_m) + camera.shift((dx, dy), depth_m)
     moved, moved_depth = camera.project(there)
     np.testing.assert_allclose(moved, px + np.array([dx, dy]), atol=1e-6)
@@ -81,7 +81,7 @@ def test_invalid_pixel_ratio_is_refused(ratio):
 
 @pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
 @pytest.mark.parametrize("name", ["so101", "wx250s", "open_manipulator_x"])
-def test_whole_arm_is_visible_at_home(name, view):
+def test_whole_arm_is_visible_in_view_at_home_pose(name, view):
     chain, home = model_of(name).chain, stage(name).home
     links_m = [T[:3, 3] for T in chain.link_poses(home).values()]
     px, depth_m = looked_at(name, view).project(np.array(links_m))
@@ -135,7 +135,7 @@ def test_orbit_camera_never_turns_upside_down(turns):
 
 
 @pytest.mark.parametrize("view", ["side", "top", "orbit"])
-def test_zooming_enlarges_picture(view):
+def test_zooming_in_enlarges_drawing(view):
     ends = np.array([[0.2, 0.0, 0.1], [0.2, 0.03, 0.13]])
     sizes = [
         np.hypot(

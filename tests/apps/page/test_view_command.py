@@ -29,7 +29,7 @@ def served(*options):
 
 
 @pytest.mark.full
-def test_the_page_is_served_until_ctrl_c():
+def test_view_command_serves_page_until_ctrl_c():
     serving = served()
     try:
         url = serving.stdout.readline().strip()
@@ -45,7 +45,7 @@ def test_the_page_is_served_until_ctrl_c():
     )  # fmt: skip
 
 
-def test_view_without_extra_says_what_to_install(run_cli, monkeypatch):
+def test_view_command_without_packages_says_what_to_install(run_cli, monkeypatch):
     monkeypatch.setattr("ikservo.apps.page.view_command.find_spec", lambda name: None)
     result = run_cli("view --port sim")
     assert result.code == 2
@@ -70,7 +70,7 @@ def test_invalid_http_port_is_refused(run_cli, http):
     assert run_cli(f"view --port sim --http-port {http}").code == 2
 
 
-def test_port_without_arm_is_offered_in_list_of_arms():
+def test_port_without_arm_is_listed_on_page():
     choices = find_choices(port="/dev/ttyNOTHERE")
     assert choices.choose("so101", "/dev/ttyNOTHERE").port == "/dev/ttyNOTHERE"
     assert "/dev/ttyNOTHERE" not in find_choices().ports
@@ -110,7 +110,7 @@ def test_view_serves_page_without_arm_or_with_failed_arm(options, expected):
         ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR --http-port 0", 3, "/dev/ttyNOTHERE"),
     ],
 )
-def test_contradictory_arms_are_refused_before_serving(run_cli, line, code, expected):
+def test_contradictory_arm_options_of_view_are_refused(run_cli, line, code, expected):
     result = run_cli(line)
     assert (result.code, result.out) == (code, "")
     assert expected in result.err
@@ -166,7 +166,7 @@ def test_view_refuses_unusable_data_set_before_serving(run_cli, tmp_path, line, 
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
 
 
-def test_other_commands_do_not_load_server():
+def test_commands_other_than_view_do_not_import_server():
     script = (
         "import sys; from ikservo.cli import main; main(['arms']);"
         "sys.exit('starlette' in sys.modules)"
@@ -246,7 +246,7 @@ def test_view_without_tls_libraries_says_what_is_missing(run_cli, monkeypatch):
         ("--port sim --arm so999", "so999"),
     ],
 )
-def test_bad_servo_view_options_are_refused(run_cli, monkeypatch, words, said):
+def test_invalid_servo_view_options_are_refused(run_cli, monkeypatch, words, said):
     monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: None)
     result = run_cli(f"view --servos --no-open --http-port 0 {words}")
     assert (result.code, result.out) == (2, "")
@@ -256,7 +256,7 @@ def test_bad_servo_view_options_are_refused(run_cli, monkeypatch, words, said):
 @pytest.mark.parametrize(
     ("devices", "code"), [((), 3), (("/dev/a",), 0), (("/dev/a", "/dev/b"), 3)]
 )
-def test_servo_view_takes_port_that_is_plugged_in_alone(run_cli, monkeypatch, devices, code):
+def test_servo_view_uses_the_only_connected_port(run_cli, monkeypatch, devices, code):
     adapters = [SerialAdapter(device, "", 1, 2, "") for device in devices]
     monkeypatch.setattr("ikservo.hardware.port_choice.list_adapters", lambda: adapters)
     monkeypatch.setattr("ikservo.apps.page.page_app.serve", lambda *_: None)

@@ -107,7 +107,7 @@ def test_dragged_jaw_moves_the_hand_that_carries_it():
     assert drag.grabbed_link == "jaw"
 
 
-def test_the_ghost_is_grabbed_before_the_arm_behind_it():
+def test_preview_is_grabbed_before_measured_arm_behind_it():
     home = stage("so101").home
     goal = model_of("so101").chain.clip(home + np.array([0, 0.4, 0.3, 0, 0]))
     camera, drag = looked_at("so101", "side"), drag_of("so101")
@@ -118,7 +118,7 @@ def test_the_ghost_is_grabbed_before_the_arm_behind_it():
     np.testing.assert_allclose(at, command.target.position, atol=1e-9)
 
 
-def test_arm_beside_ghost_can_be_grabbed():
+def test_measured_arm_beside_preview_can_be_grabbed():
     home = stage("so101").home
     goal = model_of("so101").chain.clip(home + np.array([0, 0.9, 0.3, 0, 0]))
     px = pixel_of("so101", "side", home, "forearm", (-0.05, 0.0, 0.0))
@@ -134,7 +134,7 @@ def test_release_ends_the_drag():
     assert drag.move((400.0, 300.0)) is None
 
 
-def test_second_finger_neither_moves_nor_ends_a_drag():
+def test_second_finger_does_not_disturb_drag():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state, pointer=7)
     assert drag.press((400.0, 300.0), view_state, pointer=8) is None
@@ -143,7 +143,7 @@ def test_second_finger_neither_moves_nor_ends_a_drag():
     assert drag.move((100.0, 100.0), pointer=7) is not None
 
 
-def test_cancel_ends_drag_and_holds():
+def test_cancelled_drag_ends_and_arm_holds():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     assert drag.cancel() == HoldCommand()
@@ -160,7 +160,7 @@ def test_camera_is_fixed_during_drag():
 
 
 @pytest.mark.parametrize("view", ["side", "top", "front", "orbit"])
-def test_click_on_empty_space_sends_tip_there_at_its_depth(view):
+def test_click_on_empty_space_moves_tip_there_at_its_depth(view):
     view_state = sight("so101", view)
     command = drag_of("so101").press(EMPTY_PX, view_state)
     px, depth_m = view_state.camera.project(command.target.position)
@@ -170,14 +170,14 @@ def test_click_on_empty_space_sends_tip_there_at_its_depth(view):
     assert depth_m == pytest.approx(view_state.camera.depth_of(tip))
 
 
-def test_press_on_base_counts_as_empty_space():
+def test_press_on_base_link_counts_as_empty_space():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "base", (0.0, 0.0, 0.01))
     assert drag.press(px, view_state).target.frame is None
     assert drag_of("so101").hover(px, view_state) is None
 
 
-def test_click_may_change_posture_but_drag_may_not():
+def test_press_counts_as_click_until_pointer_moves():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     assert drag.press(EMPTY_PX, view_state).is_click
     assert not drag.move(EMPTY_PX + 5.0).is_click
@@ -223,7 +223,7 @@ def test_single_joint_drag_never_exceeds_its_limits(path, view):
     assert distance_to_limits(chain, goals).min() >= 0.0
 
 
-def test_start_outside_limits_is_moved_to_limits():
+def test_drag_started_outside_limits_moves_to_limits():
     chain = model_of("so101").chain
     outside = chain.upper_rad + 0.05
     np.testing.assert_array_equal(
@@ -231,7 +231,7 @@ def test_start_outside_limits_is_moved_to_limits():
     )
 
 
-def test_target_of_unknown_joint_is_refused():
+def test_drag_target_of_unknown_joint_is_refused():
     with pytest.raises(UnknownNameError):
         DragSolver(model_of("so101").chain).solve_command(
             JointTarget("knee", 0.0), stage("so101").home
@@ -259,14 +259,14 @@ def path_outside(name, turns=1.0, frames=400):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_pointer_out_of_reach_is_followed_without_jump(name):
+def test_drag_follows_pointer_out_of_reach_without_jump(name):
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
     assert np.abs(np.diff(goals, axis=0)).max() <= MAX_STEP_RAD + 1e-12
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_pointer_out_of_reach_is_followed_without_chatter(name):
+def test_drag_follows_pointer_out_of_reach_without_chatter(name):
     """A joint reverses where it meets a limit, and not repeatedly."""
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, path, view_state.arms[0])
@@ -276,14 +276,14 @@ def test_pointer_out_of_reach_is_followed_without_chatter(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_resting_pointer_out_of_reach_lets_arm_rest(name):
+def test_arm_rests_while_pointer_rests_out_of_reach(name):
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, [*path[:200], *([path[200]] * 60)], view_state.arms[0])
     assert np.abs(np.diff(goals[-20:], axis=0)).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_pointer_out_of_reach_gets_nearest_reachable_point(name):
+def test_pointer_out_of_reach_moves_tip_to_nearest_point(name):
     chain, random = model_of(name).chain, np.random.default_rng(11)
     view_state, drag, path = path_outside(name)
     goals = play(name, drag, view_state, [*path[:200], *([path[200]] * 60)], view_state.arms[0])
@@ -303,7 +303,7 @@ def test_unreachable_target_reports_gap_to_nearest_point():
     assert aim.gap_m == pytest.approx(math.dist(aim.nearest_m, command.target.position))
 
 
-def test_pointer_jump_is_followed_in_bounded_steps():
+def test_drag_follows_pointer_jump_in_bounded_steps():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(pixel_of("so101", "side", view_state.arms[0], "gripper", (0, 0, -0.02)), view_state)
     command, solver, q, answers = (
@@ -378,7 +378,7 @@ def test_shift_press_on_empty_space_does_nothing():
 
 
 @pytest.mark.parametrize("notches", [1.0, -3.0])
-def test_wheel_notch_turns_joint_under_pointer_by_1_degree(notches):
+def test_mouse_wheel_notch_turns_joint_under_pointer_by_1_deg(notches):
     view_state = sight("so101", "side")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     command = drag_of("so101").wheel(px, notches, view_state)
@@ -386,24 +386,24 @@ def test_wheel_notch_turns_joint_under_pointer_by_1_degree(notches):
     assert command.position == pytest.approx(view_state.arms[0][2] + notches * math.radians(1.0))
 
 
-def test_wheel_with_alt_turns_joint_by_0_1_degree():
+def test_mouse_wheel_with_alt_key_turns_joint_by_0_1_degree():
     view_state = sight("so101", "side")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     command = drag_of("so101").wheel(px, 1.0, view_state, fine=True)
     assert command.position == pytest.approx(view_state.arms[0][2] + math.radians(0.1))
 
 
-def test_wheel_over_empty_space_does_nothing():
+def test_mouse_wheel_over_empty_space_does_nothing():
     assert drag_of("so101").wheel(EMPTY_PX, 1.0, sight("so101", "side")) is None
 
 
-def test_wheel_over_hub_of_joint_turns_that_joint():
+def test_mouse_wheel_over_joint_hub_turns_that_joint():
     view_state = sight("so101", "side")
     wrist = pixel_of("so101", "side", view_state.arms[0], "wrist")
     assert drag_of("so101").wheel(wrist, 1.0, view_state).joint == "wrist_flex"
 
 
-def test_wheel_moves_sliding_joint_by_1_mm():
+def test_mouse_wheel_moves_sliding_joint_by_1_mm():
     chain, q = crane(), np.array([0.3, 0.2])
     view_state = PointerContext(looked_at("so101", "orbit"), (q,))
     px = view_state.camera.project(chain.forward(q, "cart")[:3, 3])[0]
@@ -445,7 +445,7 @@ def test_arrow_key_continues_from_clicked_target():
     )
 
 
-def test_arrow_key_starts_at_tip_after_wheel():
+def test_arrow_key_after_mouse_wheel_starts_at_tip():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     drag.press(EMPTY_PX, view_state)
     drag.release()
@@ -466,11 +466,11 @@ def test_escape_or_space_ends_a_drag_and_holds_the_arm(key):
     assert not drag.is_busy
 
 
-def test_drag_ignores_keys_without_a_function():
+def test_drag_ignores_keys_without_assigned_function():
     assert drag_of("so101").on_key("a", sight("so101", "side")) is None
 
 
-def test_hovering_names_the_link_that_a_press_would_grab():
+def test_hovering_shows_link_that_a_press_would_grab():
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.06, 0.0, 0.0))
     assert drag.hover(px, view_state) == "forearm"
@@ -504,7 +504,7 @@ def test_drag_uses_chosen_solver_method(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_method_keeps_joints_beyond_grabbed_link(method):
+def test_every_solver_keeps_joints_beyond_grabbed_link(method):
     view_state, drag = sight("so101", "side"), drag_of("so101")
     px = pixel_of("so101", "side", view_state.arms[0], "forearm", (-0.03, 0.0, 0.0))
     drag.press(px, view_state)
@@ -598,7 +598,7 @@ def test_links_behind_each_other_are_listed_by_depth():
     assert index == 0
 
 
-def test_ghost_at_the_arm_is_not_listed_separately():
+def test_preview_at_measured_posture_is_not_listed_twice():
     px, view_state, names = behind_each_other()
     q, drag = view_state.arms[0], drag_of("so101")
 
@@ -649,7 +649,7 @@ def test_drag_resets_selection_to_nearest_link():
     assert drag.hover(px, view_state) == names[0]
 
 
-def test_other_place_resets_selection_to_nearest_link():
+def test_click_at_other_place_selects_nearest_link_again():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     drag.select_next(px, view_state)
@@ -659,7 +659,7 @@ def test_other_place_resets_selection_to_nearest_link():
     assert drag.candidates_under(other_place, view_state)[1] == 0
 
 
-def test_press_behind_all_links_sends_tip_there():
+def test_press_behind_all_links_moves_tip_to_that_point():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     for _ in names:
@@ -693,7 +693,7 @@ def with_a_cup(view):
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
-def test_box_is_picked_by_name_where_ray_meets_it(view):
+def test_box_is_picked_at_point_where_ray_meets_it(view):
     drag, view_state, px = with_a_cup(view)
     found = next(f for f in drag.candidates_under(px, view_state)[0] if f and f.kind == "object")
     assert found.hit.link == "the cup"
@@ -705,7 +705,7 @@ def test_box_is_picked_by_name_where_ray_meets_it(view):
 
 
 @pytest.mark.parametrize("view", ["top", "orbit"])
-def test_dragged_box_moves_level_under_pointer(view):
+def test_dragged_box_moves_horizontally_with_pointer(view):
     drag, view_state, px = with_a_cup(view)
     assert drag.press(px, view_state) is None
     assert not drag.moved_thing.shift_m.any()
@@ -723,7 +723,7 @@ def test_dragged_box_moves_level_under_pointer(view):
     assert drag.moved_thing is None
 
 
-def test_a_second_click_on_a_box_sends_the_tip_there():
+def test_second_click_on_box_moves_tip_to_clicked_point():
     drag, view_state, px = with_a_cup("top")
     drag.press(px, view_state)
     drag.release()

@@ -86,7 +86,7 @@ def cast_one(shape, origin, direction):
 @pytest.mark.parametrize("kind", ["capsules", "balls"])
 @laws
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40))
-def test_ray_meets_link_at_its_first_capsule(kind, seed, count):
+def test_pick_ray_meets_link_at_its_first_capsule(kind, seed, count):
     random = np.random.default_rng(seed)
     clouds = {link: cloud(random, count, kind) for link in ("a", "b", "c")}
     shapes = {link: capsule_shape(rows) for link, rows in clouds.items()}
@@ -100,7 +100,7 @@ def test_ray_meets_link_at_its_first_capsule(kind, seed, count):
 
 @laws
 @given(points, points, st.floats(0.02, 0.5), st.integers(0, 2**32 - 1))
-def test_ray_meets_capsule_at_distance_of_its_radius(a, b, radius_m, seed):
+def test_pick_ray_meets_capsule_at_its_radius(a, b, radius_m, seed):
     (origin,), (direction,) = rays_at(np.random.default_rng(seed), 1)
     assume(segment_distance(origin, origin, a, b) > radius_m)
     way = cast_one(one_capsule(a, b, radius_m), origin, direction)
@@ -112,12 +112,12 @@ def test_ray_meets_capsule_at_distance_of_its_radius(a, b, radius_m, seed):
         assert segment_distance(origin, met, a, b) >= radius_m - 1e-6
 
 
-def test_ray_along_the_axis_of_a_capsule_meets_its_end():
+def test_pick_ray_along_capsule_axis_meets_its_end():
     x = np.array([1.0, 0.0, 0.0])
     assert cast_one(one_capsule(x, 2 * x, 0.1), np.zeros(3), x) == pytest.approx(0.9)
 
 
-def test_ray_misses_capsule_around_or_behind_its_origin():
+def test_pick_ray_misses_capsule_around_or_behind_its_origin():
     x = np.array([1.0, 0.0, 0.0])
     for start in (0.0, 0.5, 1.0, 1.09, 1.2):
         assert cast_one(one_capsule(0 * x, x, 0.1), start * x, x) == np.inf
@@ -125,7 +125,7 @@ def test_ray_misses_capsule_around_or_behind_its_origin():
 
 @laws
 @given(points, points, st.integers(0, 2**32 - 1))
-def test_ray_meets_box_at_nearest_wall(a, b, seed):
+def test_pick_ray_meets_box_at_nearest_face(a, b, seed):
     (origin,), (direction,) = rays_at(np.random.default_rng(seed), 1)
     low, high = np.minimum(a, b), np.maximum(a, b)
     assume(np.ptp([low, high], axis=0).min() > 0.01)
@@ -141,7 +141,7 @@ def test_ray_meets_box_at_nearest_wall(a, b, seed):
     assert cast_one(shape, origin, direction) == pytest.approx(min(met, default=np.inf))
 
 
-def test_ray_that_starts_in_a_box_meets_its_wall():
+def test_pick_ray_starting_in_box_meets_its_face():
     x = np.array([1.0, 0.0, 0.0])
     assert cast_one(PickShape(np.array([-np.ones(3), np.ones(3)])), 0.25 * x, x) == 0.75
 
@@ -210,7 +210,7 @@ def test_link_three_pixels_from_pointer_is_not_picked():
     assert ball_beside_the_pointer(3.1) == ()
 
 
-def test_link_under_pointer_is_preferred_to_nearer_neighbour():
+def test_link_under_pointer_has_priority_over_nearer_neighbour():
     assert selected(ball_beside_the_pointer(1.5, behind=[("wall", 9.5)])).link == "wall"
 
 
@@ -226,7 +226,7 @@ AROUND = [np.array([u, v]) for u in np.linspace(-2.3, 2.3, 7) for v in np.linspa
 
 @pytest.mark.parametrize("view", ["front", "orbit"])
 @pytest.mark.parametrize("along_px", [(90.0, 0.0), (0.0, 90.0), (60.0, 60.0), (80.0, -30.0)])
-def test_one_pixel_wide_link_is_found_in_whole_pick_square(view, along_px):
+def test_one_pixel_wide_link_is_found_within_pick_tolerance(view, along_px):
     camera, middle, along = looked_at("so101", view), VIEWPORT.centre_px, np.array(along_px)
     radius_m = 0.5 / float(camera.pixels_per_metre(1.0))
     for away in AROUND:
@@ -269,7 +269,7 @@ def test_pick_returns_pixel_of_link_nearest_to_pointer(kind, camera, seed):
             assert hits[link].away_px <= nearest_px
 
 
-def test_thing_behind_camera_is_not_picked():
+def test_obstacle_behind_camera_is_not_picked():
     camera = looked_at("so101", "orbit")
     behind = camera.eye_m - 0.5 * camera.forward
     thing = Picker({"x": one_capsule(behind, behind + 0.1, 0.05)})

@@ -36,7 +36,7 @@ def test_planar_arm_is_as_long_as_its_links(lengths_m):
     assert chain.forward(np.zeros(chain.dof))[0, 3] == pytest.approx(sum(lengths_m))
 
 
-def test_planar_tip_is_sum_of_turned_links():
+def test_planar_tip_is_sum_of_rotated_links():
     angles = np.cumsum(START)
     expected = np.array(LENGTHS_M) @ np.column_stack([np.cos(angles), np.sin(angles)])
     np.testing.assert_allclose(MODEL.chain.forward(START)[:2, 3], expected, atol=1e-12)
@@ -55,7 +55,7 @@ def test_planar_arm_is_picked_like_any_arm():
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_every_method_starts_at_same_joints_and_reaches_target(method):
+def test_solver_methods_start_at_same_joints_and_reach_target(method):
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, method)
     np.testing.assert_allclose(
         solver_trace.lines_m[0, -1], MODEL.chain.forward(START)[:3, 3], atol=1e-12
@@ -65,7 +65,7 @@ def test_every_method_starts_at_same_joints_and_reaches_target(method):
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_every_method_ends_nearest_to_unreachable_target(method):
+def test_solver_methods_end_nearest_to_unreachable_target(method):
     solver_trace = trace_method(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
     assert not solver_trace.page_fields["reached"]
     assert solver_trace.distance_left_m(solver_trace.count - 1) == pytest.approx(
@@ -74,12 +74,12 @@ def test_every_method_ends_nearest_to_unreachable_target(method):
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_every_iteration_stays_inside_joint_limits(method):
+def test_solver_iterations_stay_inside_joint_limits(method):
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, method)
     assert distance_to_limits(MODEL.chain, np.array(solver_trace.result.trace)).min() >= 0.0
 
 
-def test_page_is_sent_link_positions_of_every_step():
+def test_page_receives_link_positions_of_every_solver_step():
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, "ccd")
     sent = np.array(solver_trace.page_fields["lines"])
     assert len(sent) == solver_trace.count

@@ -77,7 +77,7 @@ def test_orbit_view_does_not_show_reachable_region():
 
 
 @pytest.mark.parametrize("view", ["side", "top"])
-def test_region_border_is_within_reach_of_shoulder(view):
+def test_reachable_region_border_is_within_reach_of_shoulder(view):
     """Every border point is within the longest stretch of the arm from its shoulder."""
     chain, T = model_of("so101").chain, reach_of(view).T_world_plane
     border = np.vstack([np.array(ring) for ring in reach_of(view).rings]) @ T[:3, :2].T + T[:3, 3]

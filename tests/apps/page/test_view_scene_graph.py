@@ -72,7 +72,7 @@ def test_every_link_is_sent_with_its_shapes():
     assert graph.shapes["links"]["base"] == link_shapes(model_of("so101"), "base") != []
 
 
-def test_goal_at_measured_position_does_not_show_ghost():
+def test_goal_at_measured_position_does_not_show_preview():
     graph, q = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "top"), q, goal=q + 1e-4)
     assert graph.fields(state)["goal"] is None
@@ -87,7 +87,7 @@ def test_link_shapes_have_colours_of_urdf():
     assert servo["colour"] == (0.12, 0.12, 0.13)
 
 
-def test_every_scene_key_is_documented_in_protocol(session):
+def test_every_scene_message_key_is_documented_in_protocol(session):
     page = Path(__file__).parents[3].joinpath("tools/pages/formats.py").read_text("utf-8")
     graph = graph_of(model_of("so101")).description
     scene = session.latest_frames()["scene"]
@@ -161,7 +161,7 @@ def session():
 @pytest.mark.parametrize(
     ("view", "webgl"), [("side", False), ("top", False), ("orbit", False), ("orbit", True)]
 )
-def test_page_gets_arm_once_and_little_data_afterwards(session, view, webgl):
+def test_arm_geometry_is_sent_to_page_only_once(session, view, webgl):
     look = {"w": 900, "h": 700, "dpr": 1, "view": view}
     session.send_message(page_messages.SetViewport, **look, webgl=webgl)
     wire = Wire(session)
@@ -183,7 +183,7 @@ def test_page_gets_arm_once_and_little_data_afterwards(session, view, webgl):
 
 
 @pytest.mark.full
-def test_region_is_sent_only_when_it_changes(session):
+def test_reachable_region_is_sent_only_when_it_changes(session):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     wire = Wire(session)
     wire.run(0.1)
@@ -202,7 +202,7 @@ def test_side_view_is_drawn_on_canvas_even_with_webgl(session):
     assert not frames["scene"]["webgl"]
 
 
-def test_joint_range_on_page_is_calibrated_one():
+def test_page_shows_calibrated_joint_range():
     model = model_of("so101")
     narrow = model.chain.with_limits(0.5 * model.chain.lower_rad, 0.5 * model.chain.upper_rad)
     dial = next(d for d in graph_of(model, narrow).description["dials"] if d["link"] == "forearm")
@@ -213,7 +213,7 @@ def test_scene_graph_contains_table_height():
     assert graph_of(replace(load_model("so101"), floor_m=-0.02)).description["floor"] == -0.02
 
 
-def test_keep_out_box_is_described_for_drawing():
+def test_keep_out_box_is_in_scene_graph_for_drawing():
     fields = thing_fields(KeepOutBox("shelf", (0.2, 0.1, 0.0), (0.3, 0.2, 0.4)))
     assert (fields["name"], fields["shape"], fields["drawn"]) == ("shelf", "box", True)
     np.testing.assert_allclose(fields["half"], (0.05, 0.05, 0.2))

@@ -30,7 +30,7 @@ def session():
 
 
 @pytest.mark.campaign
-def test_click_in_live_moves_tip_to_clicked_point(session):
+def test_click_in_live_mode_moves_tip_to_clicked_point(session):
     session.enable_live()
     session.click(480, 300)
     wanted = session.interaction.marker.target_m
@@ -38,7 +38,7 @@ def test_click_in_live_moves_tip_to_clicked_point(session):
     assert math.dist(true_tip_m(session.arm), wanted) < 0.002
 
 
-def test_status_names_target_of_grabbed_link(session):
+def test_status_shows_target_of_grabbed_link(session):
     session.click(480, 300)
     assert [name for name, *_ in session.latest_frames()["status"]["tip"]][:2] == ["tip", "target"]
     session.interaction.marker = replace(session.interaction.marker, frame="gripper")
@@ -46,7 +46,7 @@ def test_status_names_target_of_grabbed_link(session):
 
 
 @pytest.mark.full
-def test_live_without_a_target_moves_nothing(session):
+def test_live_mode_without_target_moves_nothing(session):
     session.enable_live().click(480, 300)
     session.run()  # goals lead the joints from here on
     before_m = true_tip_m(session.arm)
@@ -55,7 +55,7 @@ def test_live_without_a_target_moves_nothing(session):
 
 
 @pytest.mark.full
-def test_joints_stay_after_cancelled_gesture(session):
+def test_arm_stays_in_place_after_cancelled_gesture(session):
     session.enable_live()
     session.point("down", 480, 300)
     session.run(cycles=150, on_cycle=lambda number: number == 100 and session.point("cancel", 0, 0))
@@ -64,7 +64,7 @@ def test_joints_stay_after_cancelled_gesture(session):
     assert math.dist(true_tip_m(session.arm), cancelled_m) < 0.002
 
 
-def test_click_without_live_moves_nothing(session):
+def test_click_outside_live_mode_moves_nothing(session):
     before = registers(session.arm, "goal_position")
     session.click(480, 300)
     session.run()
@@ -73,7 +73,7 @@ def test_click_without_live_moves_nothing(session):
 
 
 @pytest.mark.full
-def test_wild_drag_keeps_every_goal_inside_limits(session):
+def test_random_drag_keeps_every_goal_inside_limits(session):
     session.enable_live()
     session.point("down", 480, 300)
     seen = []
@@ -108,7 +108,7 @@ def test_silent_page_makes_arm_hold_within_dead_man_time(session):
     assert not session.latest_frames()["status"]["live"]
 
 
-def test_silent_page_must_enable_live_again_to_move_arm(session):
+def test_silent_page_must_enable_live_mode_again(session):
     session.enable_live()
     session.click(480, 300)
     session.arm_thread.step()
@@ -120,7 +120,7 @@ def test_silent_page_must_enable_live_again_to_move_arm(session):
     assert registers(session.arm, "goal_position") == before
 
 
-def test_hidden_page_ends_live(session):
+def test_hidden_page_ends_live_mode(session):
     session.enable_live()
     session.click(480, 300)
     session.run(
@@ -129,7 +129,7 @@ def test_hidden_page_ends_live(session):
     assert not session.latest_frames()["status"]["live"]
 
 
-def test_disconnected_page_ends_live(session):
+def test_disconnected_page_ends_live_mode(session):
     session.enable_live()
     session.click(480, 300)
     session.controller.disconnect(session.client)
@@ -207,7 +207,7 @@ def test_stop_right_after_acknowledgement_is_latched(session):
     assert session.latest_frames()["status"]["mode"] == "stopped"
 
 
-def test_error_in_arm_thread_is_shown_on_banner(session):
+def test_error_in_arm_thread_is_shown_on_page_banner(session):
     def fail():
         raise ZeroDivisionError
 
@@ -228,7 +228,7 @@ def test_reopened_arm_replaces_limits_of_page(session):
 
 
 @pytest.mark.full
-def test_trigger_opens_gripper_and_its_release_stops_jaws(session):
+def test_held_trigger_opens_gripper_until_released(session):
     session.enable_live()
     before = session.arm_thread.snapshot.measured[-1]
     closing = session.arm.model.gripper.closed - session.arm.model.gripper.open
@@ -246,7 +246,7 @@ def test_trigger_opens_gripper_and_its_release_stops_jaws(session):
     assert np.ptp(goals[:, :-1], axis=0).max() < 0.04
 
 
-def test_live_switched_on_again_while_arm_brakes_stays_on(session):
+def test_live_mode_enabled_again_during_braking_stays_on(session):
     session.enable_live()
     session.click(480, 300)
 
@@ -259,7 +259,7 @@ def test_live_switched_on_again_while_arm_brakes_stays_on(session):
     assert session.latest_frames()["status"]["live"]
 
 
-def test_stop_latches_and_refuses_live(session):
+def test_stop_latches_and_refuses_live_mode(session):
     session.enable_live()
     session.click(480, 300)
     session.run(on_cycle=lambda n: n == 5 and session.send_message(page_messages.Stop))
@@ -332,7 +332,7 @@ def test_links_under_pointer_are_listed_by_depth(session):
     assert under[len(links)]["name"] == "the tip moves here"
 
 
-def test_select_behind_chooses_next_link_under_pointer(session):
+def test_select_behind_key_selects_next_link_under_pointer(session):
     session.point("hover", *pixel_of_hub(session, "elbow_flex"))
     first = session.latest_frames()["scene"]["hover"]
     session.send_message(page_messages.SelectBehind, step=1)
@@ -341,7 +341,7 @@ def test_select_behind_chooses_next_link_under_pointer(session):
     assert sent_goals["scene"]["hover"] != first
 
 
-def test_list_under_pointer_stays_after_touch_tap(session):
+def test_link_list_stays_after_tap_on_touch_screen(session):
     fields = {"x": 480, "y": 300, "button": 0, "pointer": 1, "touch": True}
     for phase in ("down", "up", "leave"):
         session.send_message(page_messages.Pointer, phase=phase, **fields)
@@ -405,7 +405,7 @@ def test_invalid_posture_preference_is_refused(session, fields, why):
     assert session.latest_frames()["status"]["preference"]["pose"] == "none"
 
 
-def test_unfinished_iteration_is_not_called_nearest_point(session):
+def test_unconverged_solver_result_is_not_shown_as_nearest(session):
     session.send_message(page_messages.SetSolver, name="transpose")
     session.click(60, 60)
     assert "transpose ended" in session.latest_frames()["status"]["messages"][-1]["message"]
@@ -448,7 +448,7 @@ def refused_request(session, client, asking, why):
         assert session.arm_thread.command is drag_command, kind.__name__
 
 
-def test_watcher_request_is_refused(session):
+def test_motion_request_of_watcher_is_refused(session):
     asking = [(kind, fields) for kind, fields in ASKING if kind is not page_messages.Stop]
     refused_request(session, session.connect(Permission.WATCH), asking, "can only watch")
 
@@ -462,7 +462,7 @@ def test_watcher_stops_arm_and_cannot_acknowledge(session):
     assert session.arm.stop_reason
 
 
-def test_page_without_control_is_refused(session):
+def test_motion_request_of_page_without_control_is_refused(session):
     free = (page_messages.Stop, page_messages.Acknowledge, page_messages.TakeControl)
     asking = [(kind, fields) for kind, fields in ASKING if kind not in free]
     refused_request(session, session.connect(), asking, "Another page")
@@ -474,7 +474,7 @@ def test_page_without_control_may_stop_arm(session):
     assert session.latest_frames()["status"]["mode"] == "stopped"
 
 
-def test_taking_control_switches_live_off(session):
+def test_taking_control_ends_live_mode(session):
     session.enable_live()
     other = session.connect()
     session.send_message(page_messages.TakeControl, other, on=True)
@@ -482,7 +482,7 @@ def test_taking_control_switches_live_off(session):
     assert session.latest_frames(other)["status"]["controller"] == "you"
 
 
-def test_next_page_in_control_starts_at_slow_speed(session):
+def test_page_that_takes_control_starts_at_slow_speed(session):
     session.enable_live()
     session.controller.disconnect(session.client)
     assert session.latest_frames(session.connect())["status"]["speed"] == "slow"
@@ -497,7 +497,7 @@ def test_unknown_pose_is_refused_by_page(session):
 @pytest.mark.parametrize(
     ("pose", "joint", "upper_deg"), [("rest", "elbow_flex", 80.0), ("home", "wrist_flex", 57.0)]
 )
-def test_pose_beyond_narrowed_limit_goes_to_limit_and_says_so(pose, joint, upper_deg):
+def test_pose_beyond_narrowed_limit_moves_to_limit_and_warns(pose, joint, upper_deg):
     model = narrowed("so101", **{joint: (-90.0, upper_deg)})
     with ViewSession(open_arm(model, f"sim:{model.path}?pose=zero")) as session:
         session.send_message(page_messages.GoToPose, name=pose)
@@ -508,19 +508,19 @@ def test_pose_beyond_narrowed_limit_goes_to_limit_and_says_so(pose, joint, upper
         assert any(entry.message.startswith(joint) for entry in session.interaction.messages)
 
 
-def test_resting_scene_is_not_sent_again(session):
+def test_unchanged_scene_is_not_sent_to_page_again(session):
     session.latest_frames()
     assert [frame["kind"] for frame in session.controller.frames(session.client)] == []
 
 
-def test_wheel_moves_goal_by_one_degree_per_notch(session):
+def test_mouse_wheel_moves_goal_by_one_degree_per_notch(session):
     x, y = pixel_of_hub(session, "elbow_flex")
     session.send_message(page_messages.Wheel, x=x, y=y, notches=3)
     turned = session.interaction.goal - session.arm_thread.snapshot.measured
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 
 
-def test_arm_thread_command_is_replaced_only_by_post(session):
+def test_arm_thread_command_can_only_be_set_by_post(session):
     command = replace(session.arm_thread.command, speed="fast")
     session.arm_thread.post(command)
     assert session.arm_thread.command is command

@@ -23,7 +23,7 @@ from ikservo.model.arm_model import HealthLimits
 TIP = np.array([0.2, 0.0, 0.15])
 
 
-def test_unreachable_target_is_described_as_on_command_line():
+def test_unreachable_target_text_equals_that_of_command_line():
     aim = TargetMarker(
         TIP + np.array([0.5, 0, 0]),
         TIP,
@@ -39,11 +39,11 @@ def test_unreachable_target_is_described_as_on_command_line():
 @pytest.mark.parametrize(
     ("volts", "words"), [((7.41, 7.38), "7.4 V"), ((5.0, 12.04), "5.0 – 12.0 V")]
 )
-def test_supply_is_shown_as_range_only_if_voltages_differ(volts, words):
+def test_supply_voltage_is_shown_as_range_only_if_servos_differ(volts, words):
     assert format_supply(volts) == words
 
 
-def test_points_and_times_are_shown_with_units():
+def test_page_shows_points_and_times_with_units():
     assert format_point(TIP) == "(0.200, 0.000, 0.150) m"
     assert format_solve_time(0.000042) == "0.04 ms"
 
@@ -59,7 +59,7 @@ def test_servo_health_level_depends_on_heat_load_and_alarms(messages, level):
 
 
 @pytest.mark.parametrize(("celsius", "level"), [(39.0, "good"), (41.0, "amber"), (46.0, "red")])
-def test_health_levels_follow_limits_of_arm(celsius, level):
+def test_servo_health_levels_follow_limits_of_arm(celsius, level):
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", celsius, 12.1, 4.0, torque=True)
     limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
     assert health_rows([state], limits)[0]["level"] == level
@@ -72,7 +72,7 @@ def test_health_values_are_shown_with_units():
 
 
 @pytest.mark.parametrize(("torque", "past"), [(True, "beyond"), (False, "near")])
-def test_joint_past_limit_is_marked_beyond_unless_limp(torque, past):
+def test_joint_beyond_limit_is_marked_if_torque_is_on(torque, past):
     model = load_model("so101")
 
     def nearness(at):
@@ -82,7 +82,7 @@ def test_joint_past_limit_is_marked_beyond_unless_limp(torque, past):
     assert [nearness(at) for at in (0.0, -1.0, 1.0, -1.2)] == ["", "near", "near", past]
 
 
-def test_alarms_with_one_cause_share_one_row():
+def test_servo_alarms_with_same_cause_share_one_row():
     state = JointState("pan", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     alarms = {
         "pan": ("input voltage",),

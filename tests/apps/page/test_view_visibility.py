@@ -50,7 +50,7 @@ def test_visibility_from_far_point_equals_parallel_projection():
         assert a.visible_fraction == pytest.approx(b.visible_fraction, abs=0.03)
 
 
-def test_wall_before_camera_hides_every_link():
+def test_wall_in_front_of_camera_hides_every_link():
     wall = KeepOutBox("the wall", (0.5, -2.0, -1.0), (0.52, 2.0, 3.0))
     found = seen((0.8, 0.0, 0.3), replace(model_of("so101"), keep_out=(wall,)))
     assert {each.hidden_by for each in found.values()} == {("the wall",)}
@@ -92,7 +92,7 @@ def test_invalid_viewpoint_is_refused(eye):
 
 
 @pytest.mark.full
-def test_manipulability_is_computed_three_times_per_second(monkeypatch):
+def test_page_computes_manipulability_three_times_per_second(monkeypatch):
     with ViewSession() as session:
         computed = []
         plain = visibility.conditioning

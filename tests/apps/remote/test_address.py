@@ -36,7 +36,7 @@ def test_invalid_address_is_refused_with_expected_form(text):
         parse_address(text)
 
 
-def test_serving_other_machines_needs_certificates():
+def test_serving_on_network_address_needs_certificates():
     assert parse_listen("tcp/127.0.0.1:7448") == Endpoint("tcp", "127.0.0.1", 7448)
     assert parse_listen("tls/0.0.0.0:7448") == Endpoint("tls", "0.0.0.0", 7448)
     with pytest.raises(InputError, match="ikservo net keys"):

@@ -95,7 +95,7 @@ def served(certificates, _own_folder):
         yield Counted(arm, endpoint)
 
 
-def test_operator_certificate_drives_arm(served, certificates):
+def test_operator_certificate_permits_motion(served, certificates):
     before = served.packets
     connection = served.connect(certificates["operator"])
     connection.drive("enable")
@@ -104,7 +104,7 @@ def test_operator_certificate_drives_arm(served, certificates):
     connection.close()
 
 
-def test_watcher_certificate_reads_and_stops_arm(served, certificates):
+def test_watcher_certificate_permits_reading_and_stop(served, certificates):
     connection = served.connect(certificates["watcher"])
     assert connection.watch("where").names == served.arm.joint_names
     assert connection.stop("", "CLIENT").arm == "so101"
@@ -113,7 +113,7 @@ def test_watcher_certificate_reads_and_stops_arm(served, certificates):
     connection.close()
 
 
-def test_watcher_certificate_may_not_drive(served, certificates):
+def test_watcher_certificate_does_not_permit_motion(served, certificates):
     connection = served.connect(certificates["watcher"])
     for ask_to_drive in (connection.drive, connection.plan):
         with pytest.raises(RefusedError, match="does not let this machine drive it"):
@@ -161,7 +161,7 @@ def test_watcher_cannot_take_lease_from_operator(served, certificates):
 
 
 @pytest.mark.parametrize("role", ["watcher", "operator"])
-def test_a_client_cannot_answer_in_place_of_the_arm(served, certificates, role):
+def test_client_cannot_impersonate_arm(served, certificates, role):
     asked = []
     with (
         open_client([served.endpoint], certificates[role]) as one,
@@ -176,7 +176,7 @@ def test_a_client_cannot_answer_in_place_of_the_arm(served, certificates, role):
 
 @pytest.mark.parametrize("wrong", REFUSED)
 @pytest.mark.usefixtures("impatient")
-def test_a_wrong_certificate_is_refused(served, certificates, wrong):
+def test_client_with_wrong_certificate_is_refused(served, certificates, wrong):
     before, own = served.packets, certificates["operator"]
     given = certificates.get(wrong)
     if wrong == "none":
@@ -198,7 +198,7 @@ def test_error_of_client_without_tls_says_that_arm_uses_tls(served):
 
 
 @pytest.mark.usefixtures("impatient")
-def test_server_without_tls_is_reported(certificates):
+def test_client_reports_server_without_tls(certificates):
     with socket.create_server(("127.0.0.1", 0)) as server:
         secured = Endpoint("tls", "127.0.0.1", server.getsockname()[1])
         with pytest.raises(PortError, match="without TLS"), \

@@ -72,7 +72,7 @@ def test_lost_connection_error_says_what_to_check(served, proxy, monkeypatch):
     arm.close()
 
 
-def test_request_is_repeated_after_reconnection(served, proxy):
+def test_remote_request_is_repeated_after_reconnection(served, proxy):
     arm = ikservo.open_arm("so101", port=f"zenoh:desk@127.0.0.1:{proxy.port}")
     proxy.cut("hang up")
     assert arm.where().names == served.arm.joint_names

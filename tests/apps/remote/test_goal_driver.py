@@ -87,7 +87,7 @@ def put(driver, goal):
     return watch
 
 
-def test_a_canceled_goal_ends_once_the_arm_is_at_rest(arm, driver):
+def test_canceled_ros_goal_ends_once_arm_is_at_rest(arm, driver):
     goal = Goal()
     watch = put(driver, goal)
     assert goal.followed.wait(WITHIN_S)
@@ -99,7 +99,7 @@ def test_a_canceled_goal_ends_once_the_arm_is_at_rest(arm, driver):
     assert watch.ends == [(GoalEnd.ENDED, False)]
 
 
-def test_goal_canceled_before_start_ends_once_arm_is_at_rest(arm, driver):
+def test_ros_goal_canceled_before_start_ends_with_arm_at_rest(arm, driver):
     goes_on = threading.Event()
     first = Goal(goes_on)
     put(driver, first)
@@ -113,7 +113,7 @@ def test_goal_canceled_before_start_ends_once_arm_is_at_rest(arm, driver):
     assert watch.ends == [(GoalEnd.ENDED, False)]
 
 
-def test_goal_canceled_during_braking_ends_at_rest(arm, driver):
+def test_ros_goal_canceled_during_braking_ends_at_rest(arm, driver):
     goal = Goal()
     first = put(driver, goal)
     assert goal.followed.wait(WITHIN_S)
@@ -127,7 +127,7 @@ def test_goal_canceled_during_braking_ends_at_rest(arm, driver):
     assert watch.ends == [(GoalEnd.ENDED, False)]
 
 
-def test_canceled_goal_is_replaced_if_arm_follows_newer_goal(driver):
+def test_canceled_ros_goal_ends_once_newer_goal_is_followed(driver):
     goes_on = threading.Event()
     first = Goal(goes_on)
     watch = put(driver, first)
@@ -139,7 +139,7 @@ def test_canceled_goal_is_replaced_if_arm_follows_newer_goal(driver):
     assert watch.ends == [(GoalEnd.REPLACED, True)]
 
 
-def test_new_goal_succeeds_only_after_its_own_time_at_rest(arm, driver, monkeypatch):
+def test_new_ros_goal_succeeds_only_after_own_time_at_rest(arm, driver, monkeypatch):
     now_s, began_s = [0.0], []
     clock = SimpleNamespace(
         monotonic=lambda: now_s[0], sleep=lambda wait_s: now_s.append(now_s.pop() + wait_s)
@@ -170,7 +170,7 @@ def test_new_goal_succeeds_only_after_its_own_time_at_rest(arm, driver, monkeypa
     assert elapsed_s > 1.95
 
 
-def test_goal_with_unmeasurable_end_is_aborted_with_reason():
+def test_ros_goal_whose_end_is_unmeasurable_is_aborted():
     def where():
         raise IkservoError("gripper does not answer.")
 

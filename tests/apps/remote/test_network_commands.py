@@ -31,7 +31,7 @@ def run(capsys):
     return run
 
 
-def test_where_shows_remote_arm(served, run):
+def test_where_command_shows_remote_arm(served, run):
     code, out, err = run("where", "--arm", "so101", "--port", served.address)
     assert code == 0, err
     assert "shoulder_pan" in out
@@ -44,7 +44,7 @@ def test_joints_command_moves_remote_arm(served, run):
     assert json.loads(out)["reached"]
 
 
-def test_ikservo_port_may_be_a_remote_address(served, run, monkeypatch):
+def test_ikservo_port_variable_may_be_remote_address(served, run, monkeypatch):
     monkeypatch.setenv("IKSERVO_PORT", served.address)
     assert run("where", "--arm", "so101")[0] == 0
 
@@ -105,7 +105,7 @@ def test_stop_command_without_arm_stops_fleet(served, run, monkeypatch, words):
 
 
 @pytest.mark.parametrize("way", ["fleet", "address", "port of the environment"])
-def test_network_stop_loads_no_heavy_module_except_zenoh(served, monkeypatch, way):
+def test_network_stop_imports_no_large_package_except_zenoh(served, monkeypatch, way):
     args = ()
     if way == "fleet":
         monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
@@ -153,7 +153,7 @@ def silent_port():
 
 
 @pytest.mark.full
-def test_stop_names_silent_machine_and_stops_others(served, run, monkeypatch, silent_port):
+def test_fleet_stop_names_silent_machine_and_stops_others(served, run, monkeypatch, silent_port):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{silent_port},127.0.0.1:{served.port}")
     code, out, err = run("stop", "--all")
@@ -163,7 +163,7 @@ def test_stop_names_silent_machine_and_stops_others(served, run, monkeypatch, si
     assert ([arm["arm"] for arm in found["arms"]], len(found["errors"])) == (["so101"], 1)
 
 
-def test_stop_of_hanging_server_is_tried_3_times_and_unconfirmed(served, run, monkeypatch):
+def test_stop_of_unresponsive_server_is_tried_3_times(served, run, monkeypatch):
     asked, goes_on = [], threading.Event()
     answer = served.server.service.stop
 
@@ -194,7 +194,7 @@ def test_stop_by_address_does_not_need_arm_name(served, run):
     assert served.arm.stop_reason is not None
 
 
-def test_fleet_lists_arms_and_unreachable_machines(served, run, monkeypatch):
+def test_fleet_command_lists_arms_and_unreachable_machines(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.apps.remote.zenoh_session._CONNECT_TIMEOUT_S", 0.3)
     dead = find_free_port()
     code, out, _ = run("fleet", f"127.0.0.1:{served.port}", f"127.0.0.1:{dead}", "--json")
@@ -205,14 +205,14 @@ def test_fleet_lists_arms_and_unreachable_machines(served, run, monkeypatch):
     assert there["error"]
 
 
-def test_fleet_shows_whole_stop_reason_in_narrow_terminal(served, run, monkeypatch):
+def test_fleet_command_shows_whole_stop_reason_in_80_columns(served, run, monkeypatch):
     monkeypatch.setattr("ikservo.cli.terminal.terminal_width", lambda _: 80)
     served.arm.stop("a person has come near the arm, too near for it to move")
     _, out, _ = run("fleet", f"127.0.0.1:{served.port}")
     assert "a person has come near the arm, too near for it to move" in out
 
 
-def test_fleet_shows_who_controls_arm(served, run):
+def test_fleet_command_shows_operator_of_each_arm(served, run):
     with served.open() as arm:
         arm.enable()
         _, out, _ = run("fleet", f"127.0.0.1:{served.port}")

@@ -48,7 +48,7 @@ def again(served, follow, is_done=None):
 
 
 @pytest.mark.full
-def test_streamed_goals_move_the_arm(served):
+def test_remote_streamed_goals_move_arm(served):
     with served.open() as arm:
         start = arm.where()["shoulder_pan"].position_rad
         with arm.stream(speed="fast", rate_hz=100) as stream:
@@ -59,7 +59,7 @@ def test_streamed_goals_move_the_arm(served):
     assert (stream.sent, stream.refused, stream.unreached) == (sent, 0, 0)
 
 
-def test_setpoint_inbox_accepts_end_before_start_of_stream(served):
+def test_setpoint_inbox_applies_end_to_its_own_stream_only(served):
     inbox, lease = SetpointInbox(), "ab"
 
     def sent(number, **goal):
@@ -78,7 +78,7 @@ def test_setpoint_inbox_accepts_end_before_start_of_stream(served):
     assert (inbox.wanted, inbox.take()) == (True, None)
 
 
-def test_a_stream_without_goals_stops_the_arm(served):
+def test_remote_stream_without_goals_stops_arm(served):
     with served.open() as arm:
         served.server.lease.timeout_s = 1.0
         stream = arm.stream()
@@ -91,7 +91,7 @@ def test_a_stream_without_goals_stops_the_arm(served):
 
 
 @pytest.mark.parametrize("goals", [0, 5])
-def test_follow_without_goals_stops_and_latches(served, goals):
+def test_remote_follow_without_goals_stops_arm_and_latches(served, goals):
     def targets():
         yield from [{"wrist_roll": joint_of(served, "wrist_roll")}] * goals
         while True:
@@ -142,7 +142,7 @@ def test_silent_local_leader_stops_remote_follower(served):
         arm.acknowledge()
 
 
-def test_a_stream_may_end_before_its_first_goal(served):
+def test_remote_stream_may_end_before_its_first_goal(served):
     with served.open() as arm:
         with arm.stream() as stream:
             pass
@@ -215,7 +215,7 @@ def test_remote_jog_continues_while_requested(served):
     assert result.measured_rad["wrist_roll"] - before > 0.04
 
 
-def test_a_second_operator_is_refused_until_the_first_is_gone(served):
+def test_second_operator_is_refused_until_first_disconnects(served):
     first, second = served.open(), served.open()
     first.enable()
     with pytest.raises(RefusedError, match="controls the arm"):
@@ -256,7 +256,7 @@ def test_silent_operator_loses_lease_and_arm_holds(served):
     arm.close()
 
 
-def test_closed_operator_connection_is_noticed_at_once(served):
+def test_closed_operator_connection_is_detected_at_once(served):
     def cut(connection):
         connection._closed.set()
         connection._session.close()
@@ -266,7 +266,7 @@ def test_closed_operator_connection_is_noticed_at_once(served):
     arm._connection.forget_lease()  # ends its thread
 
 
-def test_goals_of_a_lost_operator_are_dropped(served):
+def test_goals_of_disconnected_operator_are_dropped(served):
     def lose_lease(connection):
         served.server.service.lose(served.server.lease.holder, "test")
 
@@ -324,7 +324,7 @@ def test_malformed_messages_are_refused_and_move_nothing(served, payload):
     ids=["nan", "no joint", "no pose", "nan pose", "inf target"],
 )  # fmt: skip
 @pytest.mark.parametrize("service", ["stream", "follow"])
-def test_invalid_goal_moves_nothing(served, service, goal):
+def test_invalid_remote_goal_moves_nothing(served, service, goal):
     client = served.connect()
     before = goals_sent(served.arm)
     pending = client.start(service, speed="fast")
@@ -347,7 +347,7 @@ OPEN = {"move_gripper": {"to": "open"}}
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 2**53])
-def test_stop_ends_queued_motion_despite_its_higher_stop_count(served, ahead):
+def test_stop_ends_queued_motion_even_if_stop_count_is_higher(served, ahead):
     before, count = goals_sent(served.arm), served.arm.background.stop_count + ahead
     request = ServiceRequest(schema=SCHEMA, stop_count=min(count, 2**53))
     arrived = served.server._requested(request)  # and waits for its turn
@@ -395,7 +395,7 @@ def test_message_flood_does_not_delay_stop(served):
 
 @pytest.mark.parametrize(("operator", "shown"), [("bob\n\rmallory", "bob mallory"),
                                                  (" \n", "somebody")])  # fmt: skip
-def test_names_of_other_machines_stay_on_one_line(served, operator, shown):
+def test_line_breaks_in_remote_names_are_removed(served, operator, shown):
     client = served.connect()
     key, request = keys.drive("desk", "lease"), client._request({"operator": operator})
     lease = result_of(ask(client._session, key, request, 5.0)[0][1])["lease"]
@@ -406,7 +406,7 @@ def test_names_of_other_machines_stay_on_one_line(served, operator, shown):
     client.close()
 
 
-def test_a_motion_without_the_lease_is_refused(served):
+def test_remote_motion_without_control_lease_is_refused(served):
     client = served.connect()
     with pytest.raises(LeaseLostError):
         client.plan("move", motion={"move_to": {"position_m": [0.2, 0.0, 0.15]}})

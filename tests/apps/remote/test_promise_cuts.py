@@ -213,7 +213,7 @@ def serve_again(port, tcp_port, pipe):
 
 @pytest.mark.full
 @few_or_many(1, 200)
-def test_lost_operator_network_or_server_makes_arm_hold(seeds, tmp_path, capsys):
+def test_loss_of_operator_network_or_server_makes_arm_hold(seeds, tmp_path, capsys):
     figures, many = Figures(), len(seeds) > 1
     kinds = [KINDS[seed % len(KINDS)] for seed in seeds]
     with ExitStack() as stack:

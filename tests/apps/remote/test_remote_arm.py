@@ -48,13 +48,13 @@ def test_arm_and_remote_arm_implement_open_arm_protocol(kind):
     assert len(names) > len(methods) > 40
 
 
-def test_open_arm_protocol_omits_only_listen_and_follow_goals():
+def test_remote_arm_lacks_only_listen_and_follow_goals_methods():
     left_out = {"listen", "follow_goals"}
     assert public_methods(Arm).keys() - public_methods(RemoteArm).keys() == left_out
     assert public_methods(Arm).keys() - public_methods(OpenArm).keys() == left_out
 
 
-def test_remote_arm_has_limits_chain_and_state_of_served_arm(served):
+def test_remote_arm_has_limits_model_and_state_of_served_arm(served):
     with served.open() as arm:
         np.testing.assert_array_equal(arm.limits(), served.arm.limits())
         assert not any(side.flags.writeable for side in arm.limits())
@@ -116,7 +116,7 @@ def test_server_keeps_only_32_latest_plans(served):
             arm.execute(first)
 
 
-def test_a_plan_of_another_arm_is_refused(served):
+def test_plan_of_another_arm_is_refused(served):
     with served.open() as arm, pytest.raises(InputError, match="a plan of this arm"):
         arm.execute(served.arm.plan_joints({"gripper": 0.2}))
 
@@ -132,7 +132,7 @@ def test_a_plan_of_another_arm_is_refused(served):
     ],
     ids=["line", "through", "pose", "gripper"],
 )
-def test_remote_motion_of_each_kind_arrives(served, move):
+def test_remote_motion_of_each_kind_reaches_target(served, move):
     with served.open() as arm:
         assert move(arm).reached
 
@@ -193,7 +193,7 @@ def stopped_elsewhere(served):
     other.close()
 
 
-def test_stop_by_other_program_ends_motions_queued_locally(served, stopped_elsewhere):
+def test_stop_by_other_program_ends_locally_queued_motions(served, stopped_elsewhere):
     with served.open() as arm:
         before = registers(served.arm, "goal_position")
         with arm.background._queue:  # none is sent before all are requested
@@ -215,7 +215,7 @@ def test_stop_by_other_program_ends_motions_queued_locally(served, stopped_elsew
     ],
     ids=["move_to", "draw", "gripper"],
 )
-def test_stop_by_other_program_ends_motion_being_prepared(
+def test_stop_by_other_program_ends_motion_in_preparation(
     served, stopped_elsewhere, monkeypatch, request_motion
 ):
     with served.open() as arm:
@@ -327,7 +327,7 @@ def test_open_bus_refuses_address_of_other_machine(served):
         ikservo.arm.opening.open_bus(served.arm.model, served.address)
 
 
-def test_model_other_than_that_of_served_arm_is_refused(served):
+def test_model_that_differs_from_served_arm_is_refused(served):
     with pytest.raises(InputError, match="Choose so101"):
         ikservo.open_arm("koch", port=served.address)
 
@@ -367,7 +367,7 @@ def test_remote_recording_excludes_local_calibration(served, tmp_path, monkeypat
     assert read_attachment(result.path, CALIBRATION_FILE) is None
 
 
-def test_pose_within_limits_refuses_start_of_wrong_length(served):
+def test_remote_pose_refuses_start_of_wrong_length(served):
     with served.open() as arm:
         for each in (served.arm, arm):
             with pytest.raises(BadValueError, match="The start"):
@@ -404,7 +404,7 @@ def test_impossible_motion_raises_same_error_on_remote_arm(served, motion):
     assert there.value.message == here.value.message
 
 
-def test_an_unknown_joint_is_refused_before_it_is_sent(served):
+def test_unknown_joint_is_refused_before_remote_request(served):
     with served.open() as arm, arm.stream() as stream, pytest.raises(UnknownNameError):
         stream.send({"elbow": 0.1})
 
@@ -448,13 +448,13 @@ def described(served, monkeypatch):
     ],
     ids=["nothing", "name alone", "zeros", "limits"],
 )
-def test_incompatible_arm_description_is_refused(served, described, change):
+def test_incompatible_remote_arm_description_is_refused(served, described, change):
     described(change)
     with pytest.raises(IkservoError, match="unexpected reply"):
         served.open()
 
 
-def test_arm_description_may_have_unknown_fields(served, described):
+def test_remote_arm_description_may_have_unknown_fields(served, described):
     described(lambda right: right | {"weight_kg": 1.0})
     with served.open() as arm:
         assert arm.joint_names == served.arm.joint_names
@@ -486,7 +486,7 @@ WRONG = [None, "text", [1.0, "x"], {"lease": ["x"]}]
 @pytest.mark.full
 @pytest.mark.parametrize("has_lease", [False, True], ids=["without lease", "with lease"])
 @pytest.mark.parametrize("request_to", REQUESTS.values(), ids=REQUESTS)
-def test_result_of_wrong_type_raises_one_error(monkeypatch, served, request_to, has_lease):
+def test_remote_result_of_wrong_type_raises_clear_error(monkeypatch, served, request_to, has_lease):
     with served.open() as arm:
         if has_lease:
             arm.enable()

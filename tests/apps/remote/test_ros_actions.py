@@ -225,7 +225,7 @@ def goal_to(*points, **more):
         (CANCEL_GOAL, CANCEL),
     ],
 )
-def test_ros_type_hashes_match_another_implementation(kind, theirs):
+def test_ros_type_hashes_match_other_ros_implementation(kind, theirs):
     assert type_hash(kind) == theirs.hash_rihs01()
 
 
@@ -237,7 +237,7 @@ def test_ros_action_hashes_match_ros_2():
 
 
 @pytest.mark.full
-def test_action_goal_succeeds_with_feedback_and_states(graph, client, start):
+def test_ros_action_goal_succeeds_with_feedback(graph, client, start):
     number, accepted = client.send(goal_to((1.0, start + 0.2), (2.0, start + 0.3)))
     assert accepted
     assert client.result(number)[:2] == (GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL)
@@ -268,7 +268,7 @@ def test_action_goal_succeeds_with_feedback_and_states(graph, client, start):
          ErrorCode.INVALID_GOAL, "tolerance"),
     ],
 )  # fmt: skip
-def test_unusable_action_goal_is_rejected_with_its_code(graph, client, change, code, text):
+def test_invalid_ros_action_goal_is_rejected_with_error_code(graph, client, change, code, text):
     number, accepted = client.send(Goal(**{"trajectory": trajectory(JOINT, (1.0, 0.1)), **change}))
     assert not accepted
     status, found, why = client.result(number)
@@ -276,7 +276,7 @@ def test_unusable_action_goal_is_rejected_with_its_code(graph, client, change, c
     assert not graph.bridge._driver.is_moving
 
 
-def test_old_action_goal_is_rejected(client):
+def test_outdated_ros_action_goal_is_rejected(client):
     old = trajectory(JOINT, (1.0, 0.1))
     old.header.stamp = Time(sec=int(time.time()) - 10)
     number, accepted = client.send(Goal(trajectory=old))
@@ -284,13 +284,13 @@ def test_old_action_goal_is_rejected(client):
 
 
 @pytest.mark.full
-def test_repeated_action_goal_is_rejected_and_first_continues(client, start):
+def test_repeated_ros_action_goal_is_rejected_and_first_runs_on(client, start):
     number, _ = client.send(goal_to((1.0, start + 0.2)))
     assert client.send(goal_to((1.0, start - 0.2)), number) == (number, False)
     assert client.result(number)[0] is GoalStatus.SUCCEEDED
 
 
-def test_motion_outside_path_tolerance_is_aborted(graph, client, start):
+def test_ros_motion_outside_path_tolerance_is_aborted(graph, client, start):
     far = start - 1.5 if start > 0 else start + 1.5
     at_once = [JointTolerance(name=JOINT, position=0.1)]
     number, accepted = client.send(goal_to((0.1, far), (9.0, far), path_tolerance=at_once))
@@ -303,20 +303,20 @@ def test_motion_outside_path_tolerance_is_aborted(graph, client, start):
 
 
 @pytest.mark.campaign
-def test_motion_outside_goal_tolerance_is_aborted(client, start):
+def test_ros_motion_outside_goal_tolerance_is_aborted(client, start):
     exact = [JointTolerance(name=JOINT, position=1e-9)]
     number, _ = client.send(goal_to((0.5, start + 0.1), goal_tolerance=exact))
     assert client.result(number)[:2] == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
 
-def test_late_motion_is_aborted(client, start):
+def test_ros_motion_beyond_goal_time_tolerance_is_aborted(client, start):
     far = start - 1.5 if start > 0 else start + 1.5
     tolerance = Duration(sec=0, nanosec=100_000_000)
     number, _ = client.send(goal_to((0.1, far), goal_time_tolerance=tolerance))
     assert client.result(number)[:2] == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
 
-def test_a_canceled_goal_ends_and_the_arm_holds(graph, client, start):
+def test_canceled_ros_action_goal_ends_and_arm_holds(graph, client, start):
     number, _ = client.send(goal_to((20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     answer = client.cancel(number)
@@ -332,7 +332,7 @@ def test_a_canceled_goal_ends_and_the_arm_holds(graph, client, start):
 
 
 @pytest.mark.full
-def test_newer_goal_replaces_older_one(graph, client, start):
+def test_newer_ros_action_goal_replaces_older_one(graph, client, start):
     first, _ = client.send(goal_to((20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     second, _ = client.send(goal_to((0.5, start)))
@@ -344,7 +344,7 @@ def test_newer_goal_replaces_older_one(graph, client, start):
 
 
 @pytest.mark.full
-def test_a_stop_aborts_the_goal_and_rejects_the_next(graph, client, start):
+def test_stop_aborts_ros_goal_and_rejects_next_one(graph, client, start):
     number, _ = client.send(goal_to((20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     ends = []
@@ -358,5 +358,5 @@ def test_a_stop_aborts_the_goal_and_rejects_the_next(graph, client, start):
     assert (accepted, client.result(number)[1]) == (False, ErrorCode.INVALID_GOAL)
 
 
-def test_result_of_unknown_goal_is_status_unknown(client):
+def test_result_of_unknown_ros_goal_has_status_unknown(client):
     assert client.result(os.urandom(16))[0] is GoalStatus.UNKNOWN

@@ -54,7 +54,7 @@ def sdk(graph):
 
 
 @pytest.mark.full
-def test_other_ros_implementation_lists_reads_and_calls_bridge(graph, sdk):
+def test_independent_ros_client_can_use_every_bridge_topic(graph, sdk):
     assert dict(discovery.get_topic_names_and_types(0, HOST, graph.port)) == {
         "/joint_states": ["sensor_msgs/msg/JointState"], "/tf": ["tf2_msgs/msg/TFMessage"],
         "/robot_description": ["std_msgs/msg/String"],
@@ -92,7 +92,7 @@ def test_other_ros_implementation_lists_reads_and_calls_bridge(graph, sdk):
     assert tuple(seen[-1].name) == graph.arm.joint_names
 
 
-def test_joint_states_match_simulated_servos(graph):
+def test_ros_joint_states_match_simulated_servos(graph):
     message, sample = graph.next("/joint_states", JointState)
     truth = true_joints(graph.arm)
     assert dict(zip(message.name, message.position, strict=True)) == pytest.approx(truth, abs=0.003)
@@ -118,7 +118,7 @@ def test_ros_trajectory_moves_servos_along_its_points(graph):
 
 
 @pytest.mark.campaign
-def test_empty_ros_trajectory_ends_current_one(graph):
+def test_empty_ros_trajectory_ends_current_motion(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
@@ -141,7 +141,7 @@ def test_ros_target_pose_is_reached(graph):
 
 
 @pytest.mark.full
-def test_ros_twist_moves_tip_until_messages_cease(graph):
+def test_ros_twist_moves_tip_until_messages_stop(graph):
     start_m, twist = true_tip_m(graph.arm), TwistStamped()
     twist.twist.linear.z = 0.05
 
@@ -193,7 +193,7 @@ def test_ros_stop_reports_torque_of_servos(graph):
     assert holding[1] == limp[1] == "Stopped from ROS 2."
 
 
-def test_ros_stop_by_other_node_ends_waiting_goal(graph, monkeypatch):
+def test_ros_stop_by_other_node_ends_queued_goal(graph, monkeypatch):
     before, waits, goes_on = true_joints(graph.arm), threading.Event(), threading.Event()
 
     def wait(*_):
@@ -250,7 +250,7 @@ def test_repeated_ros_goal_is_dropped(graph):
     assert not graph.bridge._driver.is_moving
 
 
-def test_error_while_reading_is_reported_and_states_continue(graph, monkeypatch):
+def test_ros_read_error_is_reported_and_joint_states_continue(graph, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(graph.arm, "where", lambda: 1 / 0)
         graph.next("/diagnostics", DiagnosticArray,
@@ -259,7 +259,7 @@ def test_error_while_reading_is_reported_and_states_continue(graph, monkeypatch)
     graph.bridge._warning = ""
 
 
-def test_unexpected_error_ends_motion_but_not_bridge(graph, monkeypatch):
+def test_unexpected_error_ends_motion_but_not_ros_bridge(graph, monkeypatch):
     start = true_joints(graph.arm)["wrist_roll"]
     goal = trajectory("wrist_roll", (0.5, start + 0.1))
     with monkeypatch.context() as patch:
@@ -290,7 +290,7 @@ def test_unusable_ros_message_is_reported_and_moves_nothing(graph, message, how,
     assert true_joints(graph.arm) == pytest.approx(before, abs=0.03)
 
 
-def test_robot_description_reaches_late_subscribers(graph):
+def test_ros_robot_description_reaches_late_subscribers(graph):
     found = []
     with zenoh.ext.declare_advanced_subscriber(
         graph._session, graph.key("/robot_description", String), found.append,
@@ -302,7 +302,7 @@ def test_robot_description_reaches_late_subscribers(graph):
 
 
 @pytest.mark.full
-def test_motion_ends_if_router_is_lost():
+def test_motion_ends_if_ros_router_is_lost():
     port = find_free_port()
     with contextlib.ExitStack() as stack:
         lost = stack.enter_context(router(port))

@@ -38,7 +38,7 @@ def goal(message):
     return trajectory_goal(message, PRESENT, LIMITS, 100.0)
 
 
-def test_attachment_matches_rmw_zenoh_sample():
+def test_ros_message_attachment_matches_rmw_zenoh_sample():
     read = Attachment.from_bytes(SAMPLE)
     assert (read.sequence, read.gid.hex()) == (9, "fe98e4a3b54b6e599c5934f4cfc25343")
     assert read.to_bytes() == SAMPLE
@@ -47,7 +47,7 @@ def test_attachment_matches_rmw_zenoh_sample():
             Attachment.from_bytes(wrong)
 
 
-def test_keys_and_tokens_match_rmw_zenoh_design():
+def test_ros_keys_and_tokens_match_rmw_zenoh_design():
     hashed = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     string = "std_msgs/msg/String"
     assert data_key(NODE, "/chatter", string) == f"5/chatter/std_msgs::msg::dds_::String_/{hashed}"
@@ -64,7 +64,7 @@ def test_trigger_service_hash_matches_ros_2():
     assert type_hash(TRIGGER) == hashed
 
 
-def test_trajectory_starts_at_joints_and_is_linear_in_between():
+def test_ros_trajectory_starts_at_joints_and_is_linear():
     asked = goal(trajectory(["b", "a"], (1.0, [0.5, 1.0]), (3.0, [0.5, 0.0])))
     found = [asked.setpoint(100.0 + t, None) for t in (0.0, 0.5, 1.0, 2.0, 3.0, 9.0)]
     np.testing.assert_allclose([each["a"] for each in found], [0.0, 0.5, 1.0, 0.5, 0.0, 0.0])
@@ -72,7 +72,7 @@ def test_trajectory_starts_at_joints_and_is_linear_in_between():
     assert [asked.has_ended(100.0 + t) for t in (2.9, 3.0)] == [False, True]
 
 
-def test_velocities_of_trajectory_points_are_kept():
+def test_velocities_of_ros_trajectory_points_are_kept():
     asked = goal(trajectory(["a"], (0.0, [0.0]), (2.0, [0.4]), velocities=[(0.3,), (-0.1,)]))
     at = lambda t: asked.setpoint(100.0 + t, None)["a"]  # noqa: E731
     assert (at(1e-4) - at(0.0)) / 1e-4 == pytest.approx(0.3, abs=1e-3)
@@ -95,20 +95,20 @@ def test_velocities_of_trajectory_points_are_kept():
         (trajectory(["a"], *[(0.1 * k, [0.0]) for k in range(10_001)]), "10001 points"),
     ],
 )
-def test_unusable_trajectory_is_refused_with_reason(message, found):
+def test_unusable_ros_trajectory_is_refused_with_reason(message, found):
     with pytest.raises(IkservoError, match=found):
         goal(message)
 
 
 @pytest.mark.parametrize(("age_s", "found"), [(0.5, "old"), (-5.0, "in the future")])
-def test_message_with_old_or_future_time_is_refused(age_s, found):
+def test_ros_message_with_old_or_future_time_is_refused(age_s, found):
     check_age(stamp(1000.0), 1000.2)
     check_age(stamp(0.0), 1000.0)
     with pytest.raises(IkservoError, match=found):
         check_age(stamp(1000.0), 1000.0 + age_s)
 
 
-def test_twist_target_stays_near_tip_and_stops_when_silent():
+def test_ros_twist_target_stays_near_tip_and_stops_if_silent():
     twist, tip_m = TwistGoal(np.eye(4), 0.0), np.zeros(3)
     twist.update(np.array([0.1, 0.0, 0.0]), np.zeros(3), of_tool=False, now_s=0.0)
     np.testing.assert_allclose(twist.setpoint(0.1, tip_m).position, [0.01, 0.0, 0.0])
@@ -122,7 +122,7 @@ def test_twist_target_stays_near_tip_and_stops_when_silent():
     assert [twist.has_ended(2.9 + t) for t in (0.29, 0.31)] == [False, True]
 
 
-def test_tool_twist_is_turned_into_base_frame():
+def test_ros_twist_in_tool_frame_is_rotated_to_base_frame():
     T = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     twist = TwistGoal(T, 0.0)
     twist.update(np.array([0.1, 0, 0]), np.array([0, 0, 1.0]), of_tool=True, now_s=0.0)
@@ -135,7 +135,7 @@ def test_tool_twist_is_turned_into_base_frame():
     ("linear", "angular"),
     [((0.6, 0, 0), (0, 0, 0)), ((0, 0, 0), (4.0, 0, 0)), ((np.nan, 0, 0), (0, 0, 0))],
 )
-def test_too_fast_or_nan_twist_is_refused(linear, angular):
+def test_too_fast_or_nan_ros_twist_is_refused(linear, angular):
     twist = TwistGoal(np.eye(4), 0.0)
     with pytest.raises(IkservoError, match="velocity"):
         twist.update(np.array(linear), np.array(angular), of_tool=False, now_s=0.0)
@@ -148,7 +148,7 @@ def pose(*q, x=0.2):
     )
 
 
-def test_zero_quaternion_leaves_orientation_free():
+def test_ros_pose_with_zero_quaternion_frees_orientation():
     assert pose_goal(pose(0, 0, 0, 0)).setpoint(0.0, None).only_position
     half = math.sqrt(0.5)
     T = pose_goal(pose(0, 0, half, half)).setpoint(0.0, None)

@@ -107,30 +107,30 @@ OURS = [
 
 
 @pytest.mark.campaign
-def test_rclpy_reads_every_message_of_ikservo(exchanged):
+def test_rclpy_decodes_every_message_of_ikservo(exchanged):
     for (kind, message), returned in zip(OURS, exchanged[1], strict=True):
         assert encode(kind, decode(kind, returned)) == encode(kind, message)
 
 
 @pytest.mark.full
-def test_a_joint_state_that_rclpy_has_serialized_is_read(exchanged):
+def test_joint_state_serialized_by_rclpy_is_decoded(exchanged):
     message = decode("sensor_msgs/msg/JointState", exchanged[0][0])
     assert (message.name, list(message.position), len(message.effort)) == (["a"], [1.5], 0)
 
 
 @pytest.mark.full
-def test_a_trajectory_that_rclpy_has_serialized_is_read(exchanged):
+def test_trajectory_serialized_by_rclpy_is_decoded(exchanged):
     message = decode("trajectory_msgs/msg/JointTrajectory", exchanged[0][1])
     assert [list(point.positions) for point in message.points] == [[0.5, i] for i in range(20)]
 
 
-def test_bytes_after_a_message_are_ignored():
+def test_trailing_bytes_of_ros_message_are_ignored():
     data = encode("std_msgs/msg/String", make("std_msgs/msg/String", data="arm"))
     assert decode("std_msgs/msg/String", data + b"\xff" * 40).data == "arm"
 
 
 @pytest.mark.parametrize("missing", range(1, 12))
-def test_truncated_message_is_refused(missing):
+def test_truncated_ros_message_is_refused(missing):
     data = encode("std_msgs/msg/String", make("std_msgs/msg/String", data="arm"))
     with pytest.raises(InputError, match="Not a message of type std_msgs/msg/String"):
         decode("std_msgs/msg/String", data[:-missing])

@@ -65,12 +65,12 @@ def assert_no_plan_goes_deeper(arm):
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["koch", "px100"])
-def test_arm_sunk_onto_table_is_not_moved_deeper(name):
+def test_arm_sagged_into_table_is_not_moved_deeper(name):
     with open_limp(name) as arm:
         assert_no_plan_goes_deeper(arm)
 
 
-def test_motion_down_from_table_contact_is_refused():
+def test_downward_motion_in_table_contact_is_refused():
     with open_limp("koch") as arm:
         before = registers(arm, "goal_position")
         tip_m = arm.where().tip_m
@@ -83,7 +83,7 @@ def test_motion_down_from_table_contact_is_refused():
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("degrees", SET_DOWN)
 @pytest.mark.parametrize("name", ["so101", "so100"])
-def test_arm_set_down_on_table_is_not_moved_deeper(name, degrees):
+def test_arm_resting_on_table_is_not_moved_deeper(name, degrees):
     with open_limp(name) as arm:
         set_down(arm, degrees)
         assert_no_plan_goes_deeper(arm)
@@ -155,7 +155,7 @@ def lowered(arm, joints, height_m):
 
 @pytest.mark.full
 @pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
-def test_a_recording_that_begins_or_ends_in_the_table_is_refused(recorded, order):
+def test_recording_that_starts_or_ends_in_table_is_refused(recorded, order):
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.pose("home")
         home = measured_joints(arm)
@@ -166,7 +166,7 @@ def test_a_recording_that_begins_or_ends_in_the_table_is_refused(recorded, order
         assert registers(arm, "goal_position") == before
 
 
-def test_recording_in_box_is_refused_although_arm_is_in_it(recorded):
+def test_recording_inside_obstacle_is_refused_even_from_inside(recorded):
     model = ikservo.load_model("so101")
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     box = KeepOutBox("the cup", tip_m - 0.02, tip_m + 0.02)
@@ -180,7 +180,7 @@ def test_recording_in_box_is_refused_although_arm_is_in_it(recorded):
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_recording_that_reenters_box_is_refused(name, tmp_path):
+def test_recording_that_enters_obstacle_again_is_refused(name, tmp_path):
     model = ikservo.load_model(name)
     tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
     cup = KeepOutBox("the cup", tuple(tip_m - 0.02), tuple(tip_m + 0.02))
@@ -218,7 +218,7 @@ def recording_of_falling_arm(tmp_path):
     "name",
     ["koch", *(pytest.param(n, marks=pytest.mark.full) for n in ("so100", "so101", "wx250s"))],
 )
-def test_recording_of_falling_arm_is_replayed_after_reopening(recording_of_falling_arm, name):
+def test_recording_of_arm_that_fell_limp_can_be_replayed(recording_of_falling_arm, name):
     path, lying = recording_of_falling_arm(name)
     with ikservo.open_arm(name, port="sim") as fresh:
         assert fresh.load_replay(path)[0].joints.shape[1] == len(lying)

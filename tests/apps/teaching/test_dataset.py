@@ -61,7 +61,7 @@ def write_frames(folder, table):
     pq.write_table(table, folder / "data" / "chunk-000" / "file-000.parquet")
 
 
-def test_exported_data_set_has_degrees_and_percent_at_its_rate(exported, wave):
+def test_exported_data_set_has_degrees_percent_and_frame_rate(exported, wave):
     table, recorded = frames_of(exported), ikservo.read_recording(wave)
     state = np.array(table.column("observation.state").to_pylist())
     names = info_of(exported)["features"]["observation.state"]["names"]
@@ -104,7 +104,7 @@ def test_exported_data_set_is_imported_and_replayed(exported, wave, run_cli, tmp
     assert rolls[-1] == pytest.approx(back.joints[-1, 4], abs=0.01)
 
 
-def test_import_dataset_reads_actions_if_asked(exported, run_cli, tmp_path):
+def test_import_dataset_reads_actions_with_its_option(exported, run_cli, tmp_path):
     run_cli(f"import dataset {exported} --arm so101 --to {tmp_path} --what state")
     run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'a'} --what action")
     state = ikservo.read_recording(tmp_path / "set-000.jsonl")
@@ -154,7 +154,7 @@ def at_one_time(folder):
         (at_one_time, "episode 0: has two frames with the same time"),
     ],
 )
-def test_damaged_data_set_is_refused_and_nothing_is_written(
+def test_damaged_data_set_is_refused_without_writing_files(
     exported, run_cli, tmp_path, spoil, text
 ):
     spoil(exported)

@@ -14,7 +14,7 @@ def square(tmp_path):
 
 
 @pytest.mark.full
-def test_a_csv_is_drawn_and_reported_like_a_move(run_cli, square):
+def test_csv_drawing_is_executed_and_reports_like_a_move(run_cli, square):
     result = run_cli(f"draw {square} {AT} --scale 0.5 --tool-speed 40 {SIM} --json")
     assert result.code == 0
     assert result.json["schema"] == "ikservo/move/1"
@@ -22,7 +22,7 @@ def test_a_csv_is_drawn_and_reported_like_a_move(run_cli, square):
     assert result.json["path_error_max_m"] > 0.0
 
 
-def test_drawing_size_and_origin_are_announced_first(run_cli, square):
+def test_draw_command_prints_size_and_origin_before_motion(run_cli, square):
     result = run_cli(f"draw {square} {AT} --dry-run {SIM}")
     assert result.err.splitlines()[0] == (
         "2 strokes, 40 mm along x and 40 mm along y, origin at (0.180, -0.020, 0.080) m."

@@ -102,7 +102,7 @@ def test_mcap_messages_carry_wall_clock_time_of_sample(tmp_path):
     assert started_ns[0] <= first[2].log_time <= started_ns[0] + 1_000_000_000
 
 
-def test_link_transforms_depend_on_jaw_position():
+def test_mcap_link_transforms_depend_on_jaw_position():
     model = load_model("so101")
     said = ArmMessages(model, model.chain)
     closed, opened = dict(model.pose("home")), {**model.pose("home"), "gripper": 1.0}
@@ -254,7 +254,7 @@ def test_ros_2_bag_is_replayed_with_any_order_and_extra_joints(tmp_path, order):
         ([], "has no sample"),
     ],
 )
-def test_bag_that_cannot_be_replayed_is_refused_with_reason(tmp_path, rows, found):
+def test_ros_bag_that_cannot_be_replayed_is_refused(tmp_path, rows, found):
     path = write_bag(tmp_path / "bag", rows)
     with (
         ikservo.open_arm("so101", port="sim:?pose=home") as arm,

@@ -95,7 +95,7 @@ def test_malformed_program_is_refused_naming_the_key(tmp_path, text, expected):
     assert not str(raised.value).endswith("..")
 
 
-def test_step_speed_comes_from_step_or_program(arm):
+def test_program_step_uses_its_own_or_the_program_speed(arm):
     own, of_program, without = (
         program({"motion": each, **more}, speed="slow")
         for each, more in (
@@ -179,13 +179,13 @@ def test_program_started_at_step_2_repeats_from_step_1(arm, tmp_path):
 
 
 @pytest.mark.parametrize("number", [0, 4, -1])
-def test_start_at_missing_step_is_refused(arm, tmp_path, number):
+def test_program_start_at_missing_step_is_refused(arm, tmp_path, number):
     with pytest.raises(BadValueError, match="1 to 3"):
         list(run_steps(run_of(arm, tmp_path, *KINDS[:3]), number))
 
 
 @pytest.mark.full
-def test_stop_ends_wait_step(arm, tmp_path):
+def test_stop_ends_wait_step_of_program(arm, tmp_path):
     run = run_steps(run_of(arm, tmp_path, KINDS[1], {"wait_s": 3600.0}))
     next(run)
     arm.stop("Stopped by another terminal.")
@@ -197,7 +197,7 @@ def test_stop_ends_wait_step(arm, tmp_path):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
+def test_supply_voltage_drop_during_wait_step_stops_program(tmp_path, name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         run = run_steps(run_of(arm, tmp_path, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 60.0}))
         next(run)
@@ -210,7 +210,7 @@ def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
 
 
 @pytest.mark.full
-def test_wait_step_ends_by_itself_without_fault(arm, tmp_path):
+def test_program_wait_step_ends_after_its_duration(arm, tmp_path):
     steps = [{"wait_s": 1.0}, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 4.0}]
     assert len(list(run_steps(run_of(arm, tmp_path, *steps)))) == 3
 

@@ -32,7 +32,7 @@ def test_program_new_keeps_existing_file_without_overwrite(run_cli, file):
 
 
 @pytest.mark.campaign
-def test_program_run_prints_each_step_and_their_number(run_cli, file):
+def test_program_run_prints_each_step_and_the_step_count(run_cli, file):
     result = run_cli(f"program run {file} {SIM} --yes")
     assert result.code == 0
     assert "2/2  down: line to (0.220, 0.040, 0.100) m" in result.err
@@ -102,14 +102,14 @@ def write_steps(path, *steps):
 
 
 @pytest.mark.parametrize("step", MISTAKES)
-def test_program_mistake_gives_one_message_with_step_number(step, run_cli, tmp_path):
+def test_program_file_error_states_step_number(step, run_cli, tmp_path):
     path = write_steps(tmp_path / "a.toml", step)
     lines = run_cli(f"program check {path} --port sim").err.split(f"{path}, ")
     assert " ".join(lines[1].split()).startswith(MISTAKES[step])
     assert lines[1].count("step ") == 1
 
 
-def test_program_errors_do_not_quote_the_validator(run_cli, tmp_path):
+def test_program_errors_do_not_contain_pydantic_messages(run_cli, tmp_path):
     path = write_steps(tmp_path / "a.toml", *MISTAKES)
     err = run_cli(f"program check {path} --port sim").err
     assert all(f"step {number}" in err for number in range(2, 9))

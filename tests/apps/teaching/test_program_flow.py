@@ -47,7 +47,7 @@ def run_all(run, count=None):
     return numbers
 
 
-def test_each_repetition_moves_to_the_next_place_of_a_grid(arm, tmp_path):
+def test_each_repetition_moves_to_next_grid_position(arm, tmp_path):
     run, tips = make_run(arm, tmp_path, {"tip_m": NEAR, "grid": GRID}, repeat=5), []
     for step in run.steps():
         run.run_step(step)
@@ -56,7 +56,7 @@ def test_each_repetition_moves_to_the_next_place_of_a_grid(arm, tmp_path):
     assert np.abs(np.array(tips)[:, :2] - places).max() < 0.003
 
 
-def test_a_grid_place_out_of_reach_is_found_before_any_motion(arm, tmp_path):
+def test_unreachable_grid_position_is_found_before_motion(arm, tmp_path):
     far = {**GRID, "rows": 1, "columns": 3, "column_m": (0.35, 0.0, 0.0)}
     checks = list(make_run(arm, tmp_path, {"tip_m": NEAR, "grid": far}, repeat=3).check())
     assert [check.error is None for check in checks] == [True, False, False]
@@ -64,14 +64,14 @@ def test_a_grid_place_out_of_reach_is_found_before_any_motion(arm, tmp_path):
     assert [check.error is None for check in few] == [True]  # one repetition uses one place
 
 
-def test_steps_if_grasped_are_left_out_when_the_gripper_is_empty(arm, tmp_path):
+def test_if_grasped_steps_are_skipped_with_empty_gripper(arm, tmp_path):
     steps = ({"gripper": "close"}, {**WAIT, "only_if": "grasped"},
              {**WAIT, "only_if": "not grasped"})  # fmt: skip
     assert run_all(make_run(arm, tmp_path, *steps)) == [1, 3]
 
 
 @pytest.mark.full
-def test_steps_if_grasped_run_when_the_gripper_holds_a_thing(arm, tmp_path):
+def test_if_grasped_steps_run_with_object_in_gripper(arm, tmp_path):
     open_jaws(arm)
     put_between(arm, 0.4)
     steps = ({"gripper": "close"}, {**WAIT, "only_if": "grasped"},
@@ -106,7 +106,7 @@ def test_error_names_missing_called_program(arm, tmp_path):
         make_run(arm, tmp_path, {"program": "gone.toml"})
 
 
-def test_program_repeats_until_it_is_stopped(arm, tmp_path):
+def test_program_with_endless_repeat_runs_until_stopped(arm, tmp_path):
     run = make_run(arm, tmp_path, WAIT, WAIT, repeat="until stopped")
     assert run_all(run, 301) == [1, 2] * 150 + [1]
     step = next(run.steps())
@@ -115,12 +115,12 @@ def test_program_repeats_until_it_is_stopped(arm, tmp_path):
         run.run_step(step)
 
 
-def test_endless_program_ends_when_no_step_applies(arm, tmp_path):
+def test_endless_program_ends_if_no_step_condition_holds(arm, tmp_path):
     run = make_run(arm, tmp_path, {**WAIT, "only_if": "grasped"}, repeat="until stopped")
     assert run_all(run) == []
 
 
-def test_program_pause_is_handled_by_caller_and_moves_nothing(arm, tmp_path):
+def test_program_pause_step_keeps_its_text_and_passes_check(arm, tmp_path):
     run = make_run(arm, tmp_path, WAIT, {"pause": "Put in the next part."}, WAIT)
     assert run.pauses
     assert [step.step.pause for step in run.steps()] == [None, "Put in the next part.", None]
@@ -140,7 +140,7 @@ def test_program_step_with_conflicting_keys_is_refused(step, words):
         ProgramStep(**step)
 
 
-def test_program_flow_keys_survive_writing_and_reading(tmp_path):
+def test_program_flow_control_keys_survive_write_and_read(tmp_path):
     steps = ({"tip_m": NEAR, "grid": GRID, "only_if": "grasped"}, {"program": "inner.toml"},
              {"pause": "Put in the next part."})  # fmt: skip
     written = program(*steps, repeat="until stopped")
@@ -159,7 +159,7 @@ def test_program_continues_in_a_given_repetition(arm, tmp_path):
     assert steps[1][2] == pytest.approx((0.25, 0.0, 0.12))
 
 
-def test_program_with_too_many_places_is_refused_in_the_check(arm, tmp_path, monkeypatch):
+def test_program_check_refuses_too_many_grid_positions(arm, tmp_path, monkeypatch):
     monkeypatch.setattr("ikservo.apps.teaching.program_run.MAX_CHECKS", 10)
     run = make_run(arm, tmp_path, {"tip_m": NEAR, "grid": {**GRID, "rows": 8}}, repeat=16)
     with pytest.raises(InputError, match="more than 10 steps"):
@@ -174,7 +174,7 @@ def test_stop_ends_a_program_check(arm, tmp_path):
         next(checks)
 
 
-def test_stop_is_noticed_in_shortest_program_wait(arm, tmp_path):
+def test_stop_is_noticed_even_in_shortest_program_wait(arm, tmp_path):
     run = make_run(arm, tmp_path, {"wait_s": 1e-12}, repeat="until stopped")
     step = next(run.steps())
     arm.stop("Stopped by the test.")

@@ -106,7 +106,7 @@ def test_recording_writer_names_path_that_cannot_be_written(tmp_path, name):
         ("x" * 20_000 + "\n", "line 3: is too long"),
     ],
 )
-def test_error_says_why_recording_line_is_invalid(tape, line, found):
+def test_error_explains_why_recording_line_is_invalid(tape, line, found):
     with pytest.raises(FileFormatError, match=re.escape(found)):
         read_recording(tape(HEADER, sample(0.0, 0.1, 0.0), line))
 

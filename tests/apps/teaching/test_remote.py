@@ -64,7 +64,7 @@ def at(seconds, do):
     return on_progress
 
 
-def test_resting_arm_is_measured_for_other_process(arm):
+def test_other_process_can_query_state_of_resting_arm(arm):
     here, asked = arm.where(), remote.query_state(arm.model, None)
     np.testing.assert_allclose(asked.tip_m, here.tip_m, atol=1e-3)
     assert [joint.name for joint in asked.joints] == [joint.name for joint in here.joints]
@@ -72,7 +72,7 @@ def test_resting_arm_is_measured_for_other_process(arm):
 
 
 @pytest.mark.full
-def test_moving_arm_reports_positions_of_last_cycle(arm, other_thread):
+def test_moving_arm_reports_last_positions_to_other_process(arm, other_thread):
     seen, there, start = [], [], true_joints(arm)["gripper"]
 
     def ask():
@@ -87,7 +87,7 @@ def test_moving_arm_reports_positions_of_last_cycle(arm, other_thread):
 
 
 @pytest.mark.full
-def test_moving_arm_reports_current_servo_temperature(arm, other_thread):
+def test_moving_arm_reports_temperature_to_other_process(arm, other_thread):
     line, seen = line_of(arm), []
     servo = line.servos[3]
     arm.enable()
@@ -132,7 +132,7 @@ def test_stop_of_holding_arm_does_not_report_motion(arm, other_thread):
     assert arm.stop_reason is not None
 
 
-def test_silent_program_does_not_prevent_stop_of_others(arm, tmp_path, monkeypatch):
+def test_unresponsive_program_does_not_prevent_stop_of_others(arm, tmp_path, monkeypatch):
     goes_on = threading.Event()
     silent = serve(str(tmp_path / "ttyACM1"), lambda _: {"waited": goes_on.wait(60)})
     monkeypatch.setattr(control_client, "BRAKE_TIMEOUT_S", -1.0)
@@ -175,7 +175,7 @@ def test_stop_without_name_stops_every_arm(arm):
     assert stopped.arm == "so101"
 
 
-def test_query_without_process_on_port_returns_none(device):
+def test_remote_query_returns_none_if_no_program_owns_port(device):
     model = ikservo.load_model("so101")
     assert remote.query_state(model, None) is None
     assert remote.request_relax(model, None) is None
@@ -184,7 +184,7 @@ def test_query_without_process_on_port_returns_none(device):
 
 @pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},
                                     {"tip_m": "here", "joints": []}, {"held": 3}])  # fmt: skip
-def test_reply_of_another_version_is_refused(device, answer):
+def test_reply_of_program_of_another_version_is_refused(device, answer):
     listener = serve(device, lambda _: answer)
     model = ikservo.load_model("so101")
     for ask in (remote.request_relax, remote.stop_arm):
@@ -195,7 +195,7 @@ def test_reply_of_another_version_is_refused(device, answer):
     listener.close()
 
 
-def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
+def test_arm_opened_by_another_program_can_be_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
     report = recorder.record_other_process(arm.model, None, RecordSettings(path, 0.1))
     recording = read_recording(path)
@@ -203,7 +203,7 @@ def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
     assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)
 
 
-def test_the_goals_of_another_program_are_recorded_as_mcap(arm, tmp_path):
+def test_goals_sent_by_another_program_are_recorded_as_mcap(arm, tmp_path):
     path = tmp_path / "wave.mcap"
     arm.hold()
     recorder.record_other_process(arm.model, None, RecordSettings(path, 0.1))
@@ -213,7 +213,7 @@ def test_the_goals_of_another_program_are_recorded_as_mcap(arm, tmp_path):
     assert goals[-1].position[-1] == pytest.approx(0.52, abs=0.02)
 
 
-def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
+def test_servos_left_moving_by_dead_program_are_stopped(arm):
     before = registers(arm, "present_position")[1]
     arm.hold()
     line_of(arm).servos[1].write("goal_position", 3000)
@@ -224,7 +224,7 @@ def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
     assert before <= goal < before + 200
 
 
-def test_a_resting_servo_keeps_its_goal_when_it_is_stopped(arm):
+def test_resting_servo_keeps_its_goal_at_a_stop(arm):
     arm.move_joints({"gripper": 0.6})
     before = registers(arm, "goal_position")
     servo_group(arm).hold_measured(TESTED)
@@ -240,7 +240,7 @@ def test_stop_names_silent_servo_and_holds_others(arm):
 
 
 @pytest.mark.full
-def test_resting_arm_with_payload_keeps_its_goals_when_stopped():
+def test_resting_arm_with_payload_keeps_its_goals_at_a_stop():
     # its goals lead it by more than 0.12 rad: without its masses known it counted as moving
     leaning = {"shoulder": 1.0, "elbow": -0.6}
     with ikservo.open_arm(
@@ -267,7 +267,7 @@ def test_stop_waits_for_program_that_has_just_opened_port(arm, device, monkeypat
     assert remote.stop_arm(arm.model, None).moving
 
 
-def test_stop_waits_3_s_for_program_that_never_listens(arm, device, monkeypatch):
+def test_stop_gives_up_after_3_s_on_program_not_listening(arm, device, monkeypatch):
     monkeypatch.setattr(control_client, "send_command", lambda *_: None)
 
     def busy(*_):

@@ -78,7 +78,7 @@ MOTIONS = (open_gripper, jog_last_joint, guide_briefly)
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ["koch", "so101", "wx250s"])
-def test_joint_far_outside_its_limits_is_not_moved_unasked(name):
+def test_joint_far_outside_limits_needs_explicit_pose_command(name):
     with open_past_limit(name, 70.0) as arm:
         before, goals = pan_deg(arm), registers(arm, "goal_position")
         for move in MOTIONS:

@@ -124,7 +124,7 @@ def at(shift_m, turn_rad=(0.0, 0.0, 0.0), **fields):
 
 @arms
 @pytest.mark.sample(2)
-def test_tip_follows_hand_at_100_mm_s_within_5_mm(session):
+def test_tip_follows_tracked_hand_at_100_mm_s_within_5_mm(session):
     path_m = circle()
     session.follow(lambda time_s: at(path_m(time_s)), 4.0)
     session.check()
@@ -156,7 +156,7 @@ def reclutched(hand, count, held_s=0.25, open_s=0.1):
 @pytest.mark.parametrize(
     "count", [30, pytest.param(200, marks=pytest.mark.campaign)], ids="{} re-clutches".format
 )
-def test_closing_the_clutch_again_steps_no_joint_over_2_degrees(session, count):
+def test_clutch_closed_again_moves_joints_below_2_deg_per_step(session, count):
     hand = Hand(5, span_m=0.05, span_rad=0.4, fastest_hz=0.7, noise_m=5e-4, noise_rad=2e-3)
     tracked, duration_s = reclutched(hand, count)
     session.follow(tracked, duration_s)
@@ -194,7 +194,7 @@ ERRORS = (lost, jumped, flipped, frozen)
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("rate_hz", [10.0, 60.0])
 @pytest.mark.parametrize("error", ERRORS)
-def test_arm_holds_within_300_ms_of_a_tracking_error(session, error, rate_hz):
+def test_arm_holds_within_300_ms_after_hand_tracking_error(session, error, rate_hz):
     hand = Hand(2)
 
     def tracked(time_s):
@@ -214,7 +214,7 @@ def test_arm_holds_within_300_ms_of_a_tracking_error(session, error, rate_hz):
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("rate_hz", [10.0, 90.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_no_motion_of_a_hand_leads_goals_out_of_their_limits(session, seed, rate_hz):
+def test_random_hand_motion_keeps_goals_inside_limits(session, seed, rate_hz):
     hand = Hand(seed, span_m=0.6, span_rad=5.0, fastest_hz=2.5, noise_m=0.003, noise_rad=0.03)
     session.follow(hand.tracked, 4.0, rate_hz, scale=2.0)
     session.check()
@@ -222,7 +222,7 @@ def test_no_motion_of_a_hand_leads_goals_out_of_their_limits(session, seed, rate
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_hand_below_the_table_slides_along_it_and_returns(session):
+def test_tip_slides_along_table_if_hand_moves_below_it(session):
     def tracked(time_s):
         down_m = np.interp(time_s, (0.0, 1.5, 3.5, 5.0), (0.0, 0.3, 0.3, 0.0))
         aside_m = np.interp(time_s, (2.0, 3.0, 3.5, 4.0), (0.0, 0.06, 0.06, 0.0))
@@ -240,14 +240,14 @@ def test_hand_below_the_table_slides_along_it_and_returns(session):
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_gripper_follows_its_opening_at_its_own_speed(session):
+def test_gripper_follows_commanded_opening_of_hand(session):
     session.follow(lambda time_s: at((0.0, 0.0, 0.0), opening=1.0), 2.5)
     session.check()
     gripper = session.arm.model.gripper
     assert true_joints(session.arm)[gripper.joint] == pytest.approx(gripper.open, abs=0.06)
 
 
-def test_first_second_after_torque_on_is_slow():
+def test_hand_following_is_slow_in_first_second_after_torque_on():
     def tracked(time_s):
         aside_m = np.interp(time_s, (0.0, 0.3, 1.6, 2.0), (0.0, 0.06, 0.06, -0.04))
         return at((0.0, aside_m, 0.0))
@@ -266,7 +266,7 @@ def test_first_second_after_torque_on_is_slow():
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_gripper_rests_while_the_clutch_is_open(session):
+def test_gripper_does_not_move_while_clutch_is_open(session):
     before = true_joints(session.arm)[session.arm.model.gripper.joint]
     session.follow(lambda _: at((0.0, 0.0, 0.0), held=False, opening=1.0), 1.0)
     after = true_joints(session.arm)[session.arm.model.gripper.joint]
@@ -274,7 +274,7 @@ def test_gripper_rests_while_the_clutch_is_open(session):
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_goal_of_a_blocked_gripper_leads_it_a_little(session):
+def test_goal_stays_close_to_blocked_gripper(session):
     gripper, arm = session.arm.model.gripper, session.arm
     line_of(arm).servos[servo_id(session.name, gripper.joint)].motor.stuck = True
     session.follow(lambda _: at((0.0, 0.0, 0.0), opening=1.0), 1.5)
@@ -283,7 +283,7 @@ def test_goal_of_a_blocked_gripper_leads_it_a_little(session):
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_invalid_pose_brakes_the_arm_and_is_raised(session):
+def test_invalid_hand_pose_brakes_arm_and_raises_error(session):
     def tracked(time_s):
         return np.full((4, 4), math.nan) if time_s > 0.5 else at((0.0, 0.1 * time_s, 0.0))
 
@@ -294,7 +294,7 @@ def test_invalid_pose_brakes_the_arm_and_is_raised(session):
 
 
 @pytest.mark.parametrize("session", ["so101"], indirect=True)
-def test_stop_during_following_holds_the_arm(session):
+def test_stop_during_hand_following_makes_arm_hold(session):
     def tracked(time_s):
         if time_s > 0.5:
             session.arm.request_stop(StopReason(StopKind.PROGRAM, "enough"))

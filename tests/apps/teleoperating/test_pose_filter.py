@@ -65,7 +65,7 @@ def angle_rad(one, two):
 
 
 @every_arm
-def test_closing_the_clutch_moves_no_joint(name):
+def test_closing_clutch_moves_no_joint(name):
     follower, hand = Follower(name), Hand(1)
     before = follower.q
     for held in (True, False, True, False):
@@ -76,7 +76,7 @@ def test_closing_the_clutch_moves_no_joint(name):
 
 @every_arm
 @pytest.mark.parametrize("scale", [0.25, 1.0, 2.0])
-def test_tip_repeats_the_motion_of_the_hand_scaled(name, scale):
+def test_tip_motion_is_hand_motion_times_scale(name, scale):
     follower = Follower(name, scale)
     before, shift_m = follower.tip()[:3, 3], np.array([-0.012, 0.01, 0.012])
     follower.hold(hand_at(), 2).hold(hand_at(shift_m))
@@ -85,7 +85,7 @@ def test_tip_repeats_the_motion_of_the_hand_scaled(name, scale):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_arm_of_six_joints_turns_as_the_hand_does(seed):
+def test_six_joint_arm_follows_hand_rotation(seed):
     follower = Follower("wx250s")
     before = follower.tip()[:3, :3]
     turn_rad = np.random.default_rng(seed).uniform(-0.3, 0.3, 3)
@@ -95,7 +95,7 @@ def test_arm_of_six_joints_turns_as_the_hand_does(seed):
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("seed", range(8))
-def test_arm_of_five_joints_keeps_position_direction_and_roll(name, seed):
+def test_five_joint_arm_follows_hand_position_axis_and_roll(name, seed):
     """The position is exact, the direction the nearest in the arm's plane, the roll the hand's."""
     random = np.random.default_rng(seed)
     shift_m, turn_rad = random.uniform(-0.02, 0.02, 3), random.uniform(-0.4, 0.4, 3)
@@ -118,7 +118,7 @@ def test_arm_of_five_joints_keeps_position_direction_and_roll(name, seed):
 
 @every_arm
 @pytest.mark.parametrize("seed", range(3))
-def test_goal_steps_are_bounded_for_any_motion_and_clutch(name, seed):
+def test_hand_goal_steps_are_bounded_for_random_motion(name, seed):
     follower, random = Follower(name), np.random.default_rng(seed)
     hand = Hand(seed, span_m=0.5, span_rad=4.0, fastest_hz=3.0, noise_m=0.003, noise_rad=0.02)
     for cycle in range(1500):
@@ -129,7 +129,7 @@ def test_goal_steps_are_bounded_for_any_motion_and_clutch(name, seed):
 
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("name", ALL_ARMS)
-def test_every_arm_follows_a_slow_hand_as_far_as_it_can(name):
+def test_arm_follows_slow_hand_or_reports_its_limit(name):
     follower, hand = Follower(name), Hand(7, span_m=0.02, span_rad=0.2)
     wanted = follower.tip()[:3, 3] - hand.state(0.0)[:3]
     for _ in range(300):
@@ -141,7 +141,7 @@ def test_every_arm_follows_a_slow_hand_as_far_as_it_can(name):
 
 
 @every_arm
-def test_hand_beyond_the_reach_returns_without_a_leap(name):
+def test_hand_returning_from_out_of_reach_causes_no_jump(name):
     follower = Follower(name)
     before, q = follower.tip(), follower.q
     out = [0.6 * min(1.0, k / 150) for k in range(200)]
@@ -156,7 +156,7 @@ def test_hand_beyond_the_reach_returns_without_a_leap(name):
 
 
 @every_arm
-def test_clutch_closed_again_out_of_reach_moves_at_once(name):
+def test_clutch_closed_out_of_reach_follows_hand_at_once(name):
     follower = Follower(name)
     follower.hold(hand_at(), 2)
     for k in range(200):
@@ -169,7 +169,7 @@ def test_clutch_closed_again_out_of_reach_moves_at_once(name):
 
 
 @every_arm
-def test_goal_slows_down_near_a_singular_posture(name):
+def test_hand_goal_slows_down_near_singular_posture(name):
     """The tip is pulled to the edge of the reach, where the stretched arm is nearly singular."""
     follower, slowed = Follower(name), []
     follower.hold(hand_at(), 2)
@@ -192,7 +192,7 @@ def test_goal_slows_down_near_a_singular_posture(name):
     ],
     ids=["7 cm", "0.5 m", "180°"],
 )
-def test_jump_of_the_tracker_moves_nothing(name, jump):
+def test_hand_tracking_jump_moves_nothing(name, jump):
     follower = Follower(name)
     follower.hold(hand_at(), 50)
     before = follower.q
@@ -203,7 +203,7 @@ def test_jump_of_the_tracker_moves_nothing(name, jump):
 
 
 @every_arm
-def test_goal_stays_when_poses_no_longer_arrive(name):
+def test_hand_goal_stops_when_poses_no_longer_arrive(name):
     follower = Follower(name)
     for k in range(40):
         follower.step(TrackedPose(hand_at((0.0, 0.004 * k, 0.0))))
@@ -212,7 +212,7 @@ def test_goal_stays_when_poses_no_longer_arrive(name):
     assert follower.filter.wanted is None
 
 
-def test_refused_goals_lift_a_resting_hand_by_1_cm_at_most():
+def test_refused_hand_goals_lift_tip_by_1_cm_at_most():
     follower = Follower("so101")
     follower.hold(hand_at(), 2).hold(hand_at((0.0, 0.0, -0.02)))
     before_m, kept, tips_m = follower.tip()[2, 3], follower.q, []
@@ -228,7 +228,7 @@ def test_refused_goals_lift_a_resting_hand_by_1_cm_at_most():
     np.testing.assert_allclose(follower.tip()[2, 3], before_m + 0.02, atol=1e-3)
 
 
-def test_motion_during_a_pause_without_poses_is_not_made_up_for():
+def test_hand_motion_during_tracking_gap_is_ignored():
     follower = Follower("so101").hold(hand_at(), 20)
     before = follower.q
     follower.time_s += 0.35
@@ -236,7 +236,7 @@ def test_motion_during_a_pause_without_poses_is_not_made_up_for():
     np.testing.assert_allclose(follower.q, before, atol=1e-6)
 
 
-def test_wrist_at_its_limit_does_not_turn_back_the_long_way():
+def test_wrist_at_its_limit_does_not_unwind_by_a_full_turn():
     follower = Follower("so101")
     axis = follower.tip()[:3, :3] @ follower.axis
     rolled = [follower.q[4]]
@@ -250,7 +250,7 @@ def test_wrist_at_its_limit_does_not_turn_back_the_long_way():
     assert np.abs(np.diff(rolled)).sum() < 1.2 * np.ptp(rolled)
 
 
-def test_noise_of_a_tracker_moves_a_resting_tip_little():
+def test_hand_tracking_noise_moves_tip_by_less_than_1_5_mm():
     follower = Follower("so101")
     hand = Hand(3, span_m=0.0, span_rad=0.0, noise_m=0.001, noise_rad=0.003)
     tips = []
@@ -276,7 +276,7 @@ def test_invalid_tracked_pose_is_refused(pose):
 
 
 @every_arm
-def test_rounded_rotation_of_a_source_is_followed(name):
+def test_hand_pose_with_rounded_rotation_is_followed(name):
     follower = Follower(name)
     before = follower.tip()
     rounded = hand_at((0.0, 0.01, 0.0), (0.0, 0.1, 0.0))
@@ -288,6 +288,6 @@ def test_rounded_rotation_of_a_source_is_followed(name):
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.2, 2.1, math.nan, "1"])
-def test_scale_out_of_its_range_is_refused(scale):
+def test_hand_motion_scale_out_of_range_is_refused(scale):
     with pytest.raises(BadValueError):
         Follower("so101", scale)

@@ -29,19 +29,19 @@ def test_bench_bytes_per_cycle_match_protocol(rows, arm):
 
 
 @pytest.mark.full
-def test_bench_wire_limit_follows_from_bytes_and_baud_rate(rows):
+def test_bench_bus_limit_follows_from_bytes_and_baud_rate(rows):
     positions = rows["so101"]["rows"][0]
     assert positions["wire_limit_per_s"] == pytest.approx(1e6 / 10 / WIRE_BYTES["so101"])
 
 
-def test_bench_wire_limit_counts_return_delay(rows):
+def test_bench_bus_limit_includes_return_delay(rows):
     positions = rows["koch"]["rows"][0]  # one packet, for fast sync read; 500 µs
     wire_s = WIRE_BYTES["koch"] * 10 / 1e6 + 500e-6
     assert positions["wire_limit_per_s"] == pytest.approx(1 / wire_s)
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_bench_reaches_50_to_100_percent_of_wire_limit(rows, arm):
+def test_bench_reaches_50_to_100_percent_of_bus_limit(rows, arm):
     for row in rows[arm]["rows"]:
         assert 0.5 < row["cycles_per_s"] / row["wire_limit_per_s"] <= 1.0
         assert row["p50_s"] <= row["p99_s"] <= row["p999_s"]
@@ -70,7 +70,7 @@ def test_bench_table_has_line_for_each_kind_of_cycle(run_cli):
 
 
 @pytest.mark.parametrize("torque", [0, 1])
-def test_bench_moves_nothing_and_keeps_torque(run_cli, monkeypatch, torque):
+def test_bench_command_moves_nothing_and_keeps_torque(run_cli, monkeypatch, torque):
     def change(line):
         for servo in line.world.servos:
             servo.write("torque_enable", torque)

@@ -86,7 +86,7 @@ def test_doctor_prints_one_line_per_fault(run_cli, monkeypatch, change, topic, l
     assert result.code == (1 if line.startswith("✗") else 0)
 
 
-def test_doctor_names_cable_behind_last_replying_servo(run_cli, monkeypatch):
+def test_doctor_names_cable_after_last_replying_servo(run_cli, monkeypatch):
     def change(line):
         for number in (4, 5, 6):
             line.servos[number].powered = False
@@ -103,7 +103,7 @@ def test_doctor_counts_lost_reads(run_cli, monkeypatch):
     assert line == "✗ loss      3 of 60 reads lost (wrist_flex (id 4): 3)"
 
 
-def test_doctor_names_slow_adapter(run_cli, monkeypatch):
+def test_doctor_reports_adapter_with_high_latency(run_cli, monkeypatch):
     slow = LineQuality(1000, {}, (0.0160,) * 900 + (0.0165,) * 100)
     monkeypatch.setattr("ikservo.apps.workbench.doctor.measure_line_quality", lambda *_: slow)
     result = run_cli(f"doctor {SIM}")

@@ -80,7 +80,7 @@ HANDS = [
 @pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint", "way_rad", "limit_nm"), HANDS)
-def test_guided_arm_follows_light_hand_and_stays_where_left(name, joint, way_rad, limit_nm):
+def test_hand_guided_arm_follows_light_push_and_stays_there(name, joint, way_rad, limit_nm):
     hand, gravity, stiffness = guided(name, joint, way_rad, limit_nm)
     k = ikservo.load_model(name).chain.names.index(joint)
     assert hand.moved_deg()[k] == pytest.approx(np.degrees(way_rad), abs=1.0)
@@ -91,7 +91,7 @@ def test_guided_arm_follows_light_hand_and_stays_where_left(name, joint, way_rad
 
 
 @pytest.mark.full
-def test_guided_arm_heavier_than_modelled_sinks_below_2_deg():
+def test_guided_arm_heavier_than_model_sinks_less_than_2_deg():
     hand, *_ = guided("so101", "elbow_flex", -0.3, 1.0, hidden="&mass_scale=1.2&payload_g=30")
     sunk = hand.between(0.0, AWAY_S)
     assert np.degrees(np.abs(sunk - sunk[0]).max()) < 2.0
@@ -116,7 +116,7 @@ def test_stop_ends_hand_guiding_and_arm_holds():
 
 
 @pytest.mark.full
-def test_motion_after_hand_guiding_starts_where_hand_left_arm():
+def test_motion_after_hand_guiding_starts_at_guided_position():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         hand = Guided(arm, "elbow_flex", -0.5, 1.0)
         found = guide_by_hand(arm, hand)

@@ -59,7 +59,7 @@ def trial_findings(bus):
 
 
 @pytest.mark.full
-def test_doctor_names_trial_gains_and_former_gains_return(left):
+def test_doctor_reports_left_trial_gains_and_restores_old_ones(left):
     (finding,) = trial_findings(left)
     assert finding.level is Severity.ODD
     assert "p_gain 99, not 32" in finding.text
@@ -69,14 +69,14 @@ def test_doctor_names_trial_gains_and_former_gains_return(left):
 
 
 @pytest.mark.full
-def test_next_trial_restores_gains_left_by_killed_trial(left):
+def test_next_gain_trial_restores_gains_of_killed_trial(left):
     with keeping_gains(left, SERVO) as present:
         assert present[P_GAIN] == 32
     assert trial_findings(left) == []
 
 
 @pytest.mark.full
-def test_gains_written_after_killed_trial_are_kept(left):
+def test_servo_gains_written_after_killed_trial_are_kept(left):
     line = ServoLine(left)
     write_registers(line, SERVO, plan_writes(line, SERVO, {P_GAIN: 40}))
     assert trial_findings(left) == []
@@ -86,7 +86,7 @@ def test_gains_written_after_killed_trial_are_kept(left):
 
 @pytest.mark.full
 @pytest.mark.parametrize("text", ["", "[]", '{"p_gian": 3}', '{"p_gain": "x"}', "[" * 9000, "\xff"])
-def test_doctor_names_damaged_trial_file(left, text):
+def test_doctor_names_damaged_gain_trial_file(left, text):
     (path,) = (config_dir() / "tried").iterdir()
     path.write_text(text)
     with pytest.raises(FileFormatError, match="is damaged"):
@@ -98,7 +98,7 @@ def test_doctor_names_damaged_trial_file(left, text):
 
 
 @pytest.mark.full
-def test_damaged_trial_file_does_not_block_other_servos(left):
+def test_damaged_gain_trial_file_does_not_block_other_servos(left):
     (path,) = (config_dir() / "tried").iterdir()
     path.write_text("[]")
     both = ServoBus(left.port, [SERVO, OTHER])

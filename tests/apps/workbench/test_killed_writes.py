@@ -44,7 +44,7 @@ for raw in itertools.cycle((20, 21)):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-def test_eeprom_left_unlocked_by_kill_is_found_and_locked(tmp_path, monkeypatch):
+def test_eeprom_left_unlocked_by_killed_program_is_locked_again(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     dice, left_open, kills = random.Random(7), 0, 0
     with run_simulator(tmp_path / "line", "--servo", "3:sts3215") as simulator:

@@ -79,7 +79,7 @@ def test_packet_log_contains_every_byte(path, model):
 
 
 @pytest.mark.parametrize("kind", ["checksum", "truncated", "garbage"])
-def test_packet_log_names_line_faults(path, kind):
+def test_packet_log_marks_communication_errors(path, kind):
     bus, _ = recorded_bus("STS3215", Fault(kind, id=7))
     bus.sync_read([1, 7], RegisterName.PRESENT_POSITION)
     bus.close()
@@ -88,7 +88,7 @@ def test_packet_log_names_line_faults(path, kind):
     assert [p for p in packets if not p.sent and p.servo_id == 1 and not p.error]
 
 
-def test_packets_are_not_recorded_without_ikservo_packets(monkeypatch):
+def test_packets_are_logged_only_if_ikservo_packets_is_set(monkeypatch):
     def record(*_):
         raise AssertionError("the packets are recorded")
 
@@ -100,7 +100,7 @@ def test_packets_are_not_recorded_without_ikservo_packets(monkeypatch):
     open_port("bench", BAUD).close()
 
 
-def test_packet_log_is_shared_by_several_openings(path):
+def test_packet_log_contains_several_openings_of_port(path):
     for _ in range(3):
         bus, _ = recorded_bus("STS3215")
         bus.ping(7)

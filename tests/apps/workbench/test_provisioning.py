@@ -41,7 +41,7 @@ def test_provisioning_sets_id_baud_rate_and_delay_permanently(alone):
     assert port.baudrate == 57_600
 
 
-def test_provisioning_first_copies_eeprom_under_new_id(alone, tmp_path, monkeypatch):
+def test_provisioning_first_backs_up_eeprom_under_new_id(alone, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     port, _, table = alone
     for seen in (found(table), found(table, 7, 57_600)):
@@ -57,7 +57,7 @@ def test_provisioning_switches_torque_off(alone):
     assert servo.read("torque_enable") == 0
 
 
-def test_provisioning_skips_registers_that_are_already_right(alone):
+def test_provisioning_skips_registers_already_correct(alone):
     port, servo, table = alone
     provision(port, found(table), settings(table))
     writes = servo.memory.eeprom_writes

@@ -15,14 +15,14 @@ OTHER_ARMS = [pytest.param(name, marks=pytest.mark.full) for name in ("koch", "p
 
 
 @pytest.mark.parametrize("name", ["so101", *OTHER_ARMS])
-def test_arm_moves_from_home_to_its_resting_place(name: str):
+def test_arm_moves_from_home_to_found_rest_pose(name: str):
     place = find_resting_place(CONFIGS / name)
     assert place.still
     with ikservo.open_arm(name, port="sim:?pose=home", uncalibrated=True) as arm:
         assert arm.move_joints(place.positions).reached
 
 
-def test_resting_place_leaves_6_mm_for_sag_at_normal_speed():
+def test_rest_pose_search_leaves_6_mm_clearance_for_sag():
     place = find_resting_place(CONFIGS / "so101")
     with ikservo.open_arm("so101", port="sim:?pose=home", uncalibrated=True) as arm:
         joints = [[place.positions[name] for name in arm.context.servos.names]]
@@ -32,7 +32,7 @@ def test_resting_place_leaves_6_mm_for_sag_at_normal_speed():
 
 
 @pytest.mark.full
-def test_resting_place_names_link_overlapping_table(tmp_path: Path):
+def test_rest_pose_search_names_link_overlapping_table(tmp_path: Path):
     folder = tmp_path / "buried"
     shutil.copytree(CONFIGS / "so101", folder)
     text = (folder / "arm.toml").read_text().replace('name   = "so101"', 'name   = "buried"')

@@ -87,7 +87,7 @@ def test_scan_all_continues_to_last_baud_rate(run_cli, monkeypatch):
     assert len(servos) == 6
 
 
-def test_scan_tries_repeated_baud_rate_once(run_cli):
+def test_scan_with_repeated_baud_rate_lists_each_servo_once(run_cli):
     servos = run_cli(f"{SCAN} --arm so101 --baud 1000000 --baud 1000000 --json").json["servos"]
     assert [s["id"] for s in servos] == [1, 2, 3, 4, 5, 6]
 

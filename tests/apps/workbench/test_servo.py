@@ -44,7 +44,7 @@ def test_servo_read_prints_raw_numbers_and_quantities(run_cli):
     assert (own_id["raw"], own_id["range"], own_id["area"]) == (3, [0, 253], "EEPROM")
 
 
-def test_servo_write_changes_only_differences_and_locks_again(run_cli, ports):
+def test_servo_write_writes_only_differences_and_locks_eeprom(run_cli, ports):
     result = run_cli(f"servo write p_gain=20 d_gain=32 max_torque=60% {ELBOW} --yes")
     assert result.code == 0
     assert result.out.strip() == "✓ elbow_flex (id 3): p_gain 32 → 20, max_torque 1000 → 600"
@@ -182,7 +182,7 @@ def test_servo_tune_refuses_step_of_zero(run_cli, ports, more):
     assert "at least" in result.err
 
 
-def test_servo_tune_without_room_does_not_name_move_option(run_cli):
+def test_servo_tune_without_room_suggests_only_valid_options(run_cli):
     # At rest the links of an SO-101 lie on each other.
     result = run_cli("servo tune --step 20 --arm so101 --port sim --id shoulder_lift")
     assert result.code == ExitCode.REFUSED
@@ -205,7 +205,7 @@ def test_servo_plot_prints_csv_for_programs(run_cli):
     assert float(rows[-1].split(",")[columns.index("wrist_roll.present_voltage [V]")]) == 7.4
 
 
-def test_plot_of_joint_prints_its_angle_in_degrees(run_cli, ports):
+def test_servo_plot_of_joint_prints_its_angle_in_degrees(run_cli, ports):
     words = f"servo plot elbow_flex present_position --arm so101 {FAST} --duration 2"
     head, *rows = run_cli(words).out.splitlines()
     assert head == "time_s,elbow_flex.angle [deg],elbow_flex.present_position [rad]"
@@ -216,20 +216,20 @@ def test_plot_of_joint_prints_its_angle_in_degrees(run_cli, ports):
 @pytest.mark.parametrize(
     ("name", "key"), [("so101", "angle_deg"), ("open_manipulator_x", "position_mm")]
 )
-def test_plot_of_joint_names_the_unit_in_json(run_cli, name, key):
+def test_servo_plot_of_joint_states_unit_in_json(run_cli, name, key):
     words = f"servo plot gripper --arm {name} {FAST} --duration 50ms --json"
     (servo,) = json.loads(run_cli(words).out)["servos"]
     assert list(servo["values"]) == [key]
 
 
 @pytest.mark.parametrize("word", ["elbow", "elbow_felx"])
-def test_plot_of_unknown_name_suggests_the_joint(run_cli, word):
+def test_servo_plot_of_unknown_name_suggests_joint(run_cli, word):
     result = run_cli(f"servo plot {word} --arm so101 {FAST} --duration 50ms")
     assert result.code == ExitCode.USAGE
     assert "Did you mean the joint elbow_flex?" in result.err
 
 
-def test_servo_named_twice_is_plotted_once(run_cli):
+def test_servo_given_twice_is_plotted_once(run_cli):
     result = run_cli(
         f"servo plot present_position {FAST} --arm so101 --id 3,elbow_flex --duration 1"
     )
@@ -270,7 +270,7 @@ def test_invalid_servo_plot_is_refused(run_cli, words, said):
     assert said in result.err
 
 
-def test_block_character_curve_spans_its_values():
+def test_text_curve_of_servo_plot_spans_its_values():
     assert block_curve([0.0, 1.0, 2.0, None, 7.0], 1) == ["▁▂▃ █"]
     assert block_curve([0.0, 15.0], 2) == [" █", "▁█"]
     assert block_curve([3.0, 3.0], 1) == ["▁▁"]

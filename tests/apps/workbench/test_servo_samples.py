@@ -12,13 +12,13 @@ from tests.hardware.factories import make_bus, simulated_servos
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_every_model_has_at_least_six_live_registers(model):
+def test_every_servo_model_has_six_live_registers_at_least(model):
     names = [register.name for register in live_registers(MODELS[model])]
     assert len(set(names)) == len(names) >= 6
     assert names[:2] == ["goal_position", "present_position"]
 
 
-def test_samples_match_servo_registers_and_are_evenly_spaced():
+def test_servo_samples_match_registers_and_are_evenly_spaced():
     bus = make_bus({1: "STS3215", 7: "XL430-W250"})
     watched = {i: live_registers(servo.table) for i, servo in bus.servos.items()}
     samples = list(islice(sample_registers(bus, watched, 0.05), 5))
@@ -29,7 +29,7 @@ def test_samples_match_servo_registers_and_are_evenly_spaced():
 
 
 @pytest.mark.parametrize(("period_s", "count"), [(0.05, 5), (0.15, 2), (1e300, 1), (1e-320, None)])
-def test_sampling_ends_with_its_duration(period_s, count):
+def test_servo_sampling_ends_after_its_duration(period_s, count):
     bus = make_bus({1: "STS3215"})
     since_s = bus.clock.now_s()
     rows = list(sample_registers(bus, {1: live_registers(MODELS["STS3215"])}, period_s, 0.2))

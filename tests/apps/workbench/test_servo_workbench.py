@@ -161,7 +161,7 @@ SPOILED = {"p_gain": 20, "d_gain": 10, "max_temperature_limit": 60, "max_positio
 
 
 @pytest.mark.parametrize("model", ["STS3215", "SCS0009"])
-def test_restore_after_killed_restore_gives_same_backup(model, tmp_path):
+def test_restore_after_killed_restore_yields_backup_values(model, tmp_path):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     for packets in range(KILLED_AT):
         line = line_of(model)
@@ -204,7 +204,7 @@ class _DyingTransport:
 
 
 @each_model
-def test_servo_reset_keeps_id_and_baud_rate_or_is_refused(model):
+def test_servo_factory_reset_keeps_id_and_baud_or_is_refused(model):
     line = line_of(model)
     family = MODELS[model].family
     held = simulated_servos(line.bus)[ID]
@@ -242,7 +242,7 @@ def test_restarted_dynamixel_replies_with_torque_off():
         ("max_voltage_limit", "8.4V", 84),
     ],
 )
-def test_register_values_are_raw_integers_or_quantities(name, text, raw):
+def test_register_values_are_read_as_raw_or_with_units(name, text, raw):
     assert parse_register_value(find_register(MODELS["STS3215"], name), text) == raw
 
 
@@ -256,12 +256,12 @@ def test_invalid_register_value_text_is_refused(text):
         plan_writes(line, servo_of(line), {register: parse_register_value(register, text)})
 
 
-def test_wrong_register_name_suggests_nearest():
+def test_wrong_register_name_error_suggests_closest_name():
     with pytest.raises(UnknownNameError, match="present_voltage"):
         find_register(MODELS["STS3215"], "present_volt")
 
 
-def test_eeprom_lock_and_zeroing_command_cannot_be_written():
+def test_eeprom_lock_and_zeroing_register_are_write_protected():
     line = line_of("STS3215")
     for name, raw in (("lock", 0), ("torque_enable", 128)):
         with pytest.raises((RegisterAccessError, BadValueError)):
@@ -290,7 +290,7 @@ def test_id_taken_at_new_baud_rate_is_refused_before_writing():
         ("XL430-W250", "protocol_type", 1),
     ],
 )
-def test_register_that_ends_replies_or_shares_goals_is_protected(model, name, raw):
+def test_registers_for_replies_and_shared_goals_are_protected(model, name, raw):
     line = line_of(model)
     with pytest.raises(RegisterAccessError):
         write(line, {name: raw})

@@ -113,7 +113,7 @@ def test_setup_writes_arm_file_values_permanently(set_up, arm):
         assert servo.baud == baud
 
 
-def test_setup_locks_memory_of_each_servo(set_up):
+def test_setup_locks_eeprom_of_each_servo(set_up):
     operator, _ = set_up["so101"]
     assert [servo.memory.get("lock") for servo in operator.servos] == [1] * 6
 
@@ -139,7 +139,7 @@ def test_setup_json_has_one_object_per_servo(set_up):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "koch", "wx250s"])
-def test_simulated_hand_plugs_in_new_servos_one_by_one(run_cli, arm):
+def test_simulated_servos_are_set_up_one_by_one(run_cli, arm):
     result = run_cli(f"setup {arm} --port sim:?hand=setup --yes")
     assert result.code == 0, result.err
     first, *others = result.out.splitlines()
@@ -199,7 +199,7 @@ def test_setup_refuses_two_servos_with_same_id(run_cli, monkeypatch):
     assert "More than one servo answers: several servos at id 3" in result.err
 
 
-def test_setup_writes_nothing_to_servo_that_is_already_right(run_cli, monkeypatch):
+def test_setup_writes_nothing_to_servo_already_configured(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, all_but(6))
     result = run_cli("setup so101 --port sim --start gripper --yes")
     assert result.out == "✓ gripper (id 6): nothing to change\n"
@@ -208,7 +208,7 @@ def test_setup_writes_nothing_to_servo_that_is_already_right(run_cli, monkeypatc
     assert ports[0].line.servos[6].memory.eeprom_writes == before
 
 
-def test_setup_refuses_other_model(run_cli, monkeypatch):
+def test_setup_refuses_servo_of_other_model(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(3))
     result = run_cli("setup koch --port sim --yes")
     assert result.code == 6
@@ -318,7 +318,7 @@ def other_arm(monkeypatch, name, change):
 
 
 @pytest.mark.parametrize(("code", "rate"), [(1, 57_600), (2, 115_200)])
-def test_setup_names_servo_of_another_family(run_cli, monkeypatch, code, rate):
+def test_setup_reports_servo_of_another_family(run_cli, monkeypatch, code, rate):
     def change(line):
         all_but(3)(line)
         line.servos[3].memory.put("baud_rate", code)
@@ -343,6 +343,6 @@ def test_setup_reports_intermittent_replies_of_servo(run_cli, monkeypatch):
     assert "has STS3215 at id 6, 1000000 baud, which did not answer reliably" in result.err
 
 
-def test_setup_says_that_it_searches_and_how_to_end_it(set_up):
+def test_setup_prints_that_it_searches_and_how_to_end_it(set_up):
     _, result = set_up["koch"]
     assert "Searching at every baud rate. Ctrl-C stops" in result.err

@@ -88,14 +88,14 @@ def test_restore_lists_and_writes_differing_registers(monkeypatch, arm):
     assert bench_line.held() == bench_line.before != SPOILED[arm]
 
 
-def test_restore_locks_memory_again(monkeypatch):
+def test_restore_locks_eeprom_again(monkeypatch):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     bench_line.restore(path, "--yes")
     assert bench_line.servo.read("lock") == 1
 
 
 @EACH
-def test_restore_without_difference_asks_and_writes_nothing(monkeypatch, arm):
+def test_restore_without_difference_needs_no_confirmation(monkeypatch, arm):
     path, bench_line = backup_of(arm), ChangedServoLine(monkeypatch, arm, {})
     result = bench_line.restore(path)  # without --yes, and without a terminal
     assert (result.code, result.out) == (0, "✓ elbow_flex (id 3): nothing to change\n")
@@ -111,7 +111,7 @@ def test_restore_without_terminal_needs_yes_option(monkeypatch):
 
 
 @pytest.mark.parametrize("answer", [True, False])
-def test_restore_writes_only_after_yes(monkeypatch, answer):
+def test_restore_writes_only_after_confirmation(monkeypatch, answer):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     asked = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
@@ -133,7 +133,7 @@ def test_restore_json_lists_written_registers(monkeypatch, arm):
 
 
 @EACH
-def test_restore_under_torque_writes_nothing(monkeypatch, arm):
+def test_restore_with_torque_on_writes_nothing(monkeypatch, arm):
     def hold(line):
         line.servos[ID].write("torque_enable", 1)
 

@@ -50,7 +50,7 @@ def judge(name, seed):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "seed"), FEW)
-def test_touch_off_of_15_touches_leaves_at_most_1_5_mm(name, seed):
+def test_touch_off_of_15_touches_reduces_error_to_1_5_mm(name, seed):
     judge(name, seed)
 
 
@@ -63,21 +63,21 @@ def test_touch_off_reduces_median_error_below_0_9_mm():
     assert np.median(after_m) < 0.0009, summary
 
 
-def test_fit_leaves_out_outlier_touches():
+def test_touch_off_fit_excludes_outlier_touches():
     arm = hidden("so101", 3)
     found = select_and_fit(arm.chain, touches_of(arm, offs=(4, 9)))
     assert np.flatnonzero(~found.fit.kept).tolist() == [4, 9]
     assert rms_m(arm, found.fit.tips) <= 1.5e-3
 
 
-def test_error_names_6_outliers_of_15_touches():
+def test_touch_off_error_names_6_outliers_of_15_touches():
     arm = hidden("planar3", 3)
     with pytest.raises(CalibrationError, match=r"6 of 15 touches are outliers: P1, P4"):
         select_and_fit(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))
 
 
 @pytest.mark.full
-def test_touches_that_fit_no_arm_are_refused():
+def test_touch_off_refuses_touches_that_fit_no_arm():
     arm = hidden("planar2", 3)
     chaos = [TouchPoint(t.q, t.point, arm.chance.uniform(-0.2, 0.2, 3)) for t in touches_of(arm)]
     with pytest.raises(CalibrationError, match="The touches do not fit this arm"):
@@ -93,14 +93,14 @@ def test_touch_off_of_exact_arm_changes_nothing():
     assert not found.improves
 
 
-def test_four_touches_are_refused_as_too_few():
+def test_touch_off_refuses_four_touches_as_too_few():
     arm = hidden("planar2", 5)
     with pytest.raises(CalibrationError, match="at least 5 are needed"):
         select_and_fit(arm.chain, touches_of(arm, 4))
 
 
 @pytest.mark.full
-def test_predicted_error_is_within_factor_two_of_true_one():
+def test_touch_off_error_estimate_is_within_factor_2_of_truth():
     arm = hidden("wx250s", 6)
     found = select_and_fit(arm.chain, touches_of(arm))
     assert 0.4 < rms_m(arm, found.fit.tips) / found.deviation_m[0] < 2.0
@@ -118,7 +118,7 @@ def same_point(arm, count):
 
 
 @pytest.mark.full
-def test_touches_of_one_unknown_point_fit_zeros_but_not_base():
+def test_touches_of_one_unknown_point_fit_joint_zeros_only():
     arm = hidden("koch", 7)
     found = select_and_fit(arm.chain, same_point(arm, 12))
     assert found.after_m < 0.5 * found.before_m
@@ -129,7 +129,7 @@ def test_touches_of_one_unknown_point_fit_zeros_but_not_base():
     assert deviation > 0.9 * fit.layout.prior[0]
 
 
-def test_touches_in_a_plane_do_not_determine_tool_height():
+def test_touches_in_one_plane_do_not_determine_tool_height():
     arm = hidden("planar2", 8)
     found = fit_parameters(
         arm.chain, touches_of(arm), ParameterSet.EVERYTHING, np.ones(15, dtype=bool)

@@ -21,12 +21,12 @@ def drawn():
     return {n: np.array([float(x), float(y)]) for n, (x, y) in zip(names, circles, strict=True)}
 
 
-def test_touch_sheet_in_docs_equals_the_drawing_of_the_tool():
+def test_touch_sheet_in_docs_equals_generated_drawing():
     assert runpy.run_path(str(ROOT / "tools" / "touch_grid.py"))["drawing"]() == DRAWING
 
 
 @pytest.mark.parametrize("name", ["so101", "so100"])
-def test_sheet_distances_equal_those_of_drawing(name):
+def test_touch_sheet_distances_equal_those_of_drawing(name):
     paper, (_, places) = drawn(), place_sheet(load_model(name), None, None)
     assert [place.name for place in places] == list(paper)
     for one in places:
@@ -37,7 +37,7 @@ def test_sheet_distances_equal_those_of_drawing(name):
             )
 
 
-def test_sheet_columns_go_left_to_right_and_rows_away():
+def test_touch_sheet_columns_go_right_and_rows_away_from_arm():
     _, places = place_sheet(load_model("so101"), 0.1, None)
     at = {place.name: place.position_m for place in places}
     assert at["A1"][1] > 0 > at["E1"][1]
@@ -45,13 +45,13 @@ def test_sheet_columns_go_left_to_right_and_rows_away():
     np.testing.assert_allclose(at["C1"], (0.13, 0.0, 0.0), atol=1e-3)
 
 
-def test_every_second_cross_of_sheet_is_on_top_of_block():
+def test_every_second_touch_point_is_on_top_of_block():
     _, places = place_sheet(load_model("so101"), 0.1, 0.04)
     heights = [round(float(place.position_m[2]), 6) for place in places]
     assert heights == [0.0, 0.04] * 10
     assert places[1].name == "B1 block"
 
 
-def test_scale_bar_is_100_mm_long():
+def test_touch_sheet_scale_bar_is_100_mm_long():
     assert "h100m0" in DRAWING
     assert 'width="297mm" height="210mm" viewBox="0 0 297 210"' in DRAWING
