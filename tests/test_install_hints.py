@@ -76,7 +76,7 @@ def test_install_hint_for_pipx_installation_uses_pipx(installed):
     assert remedies.install_command("draw") == f'pipx install --force "{FOLDER}[draw]"'
 
 
-def test_install_hint_names_python_if_pip_is_of_another(installed, monkeypatch):
+def test_install_hint_names_python_if_pip_belongs_to_another(installed, monkeypatch):
     installed(None, pip=False)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
     assert remedies.install_command() == '"/venv/bin/python" -m pip install "ikservo"'

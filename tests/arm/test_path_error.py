@@ -89,6 +89,6 @@ def test_path_error_excludes_joint_move_before_the_line():
 
 
 @pytest.mark.campaign
-def test_move_to_reports_no_path_error():
+def test_move_to_result_has_no_path_error_value():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         assert arm.move_to((0.2, 0.1, 0.15)).path_error_rms_m is None

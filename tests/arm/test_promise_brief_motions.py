@@ -15,7 +15,7 @@ EACH = 10  # motions of one arm
 
 @pytest.mark.full
 @few_or_many(6, 500)
-def test_fault_in_brief_motion_keeps_goals_inside_limits(seeds, capsys):
+def test_goals_stay_inside_limits_after_fault_in_brief_motion(seeds, capsys):
     states = {}
     for seed in seeds:
         dice, name = seeded(seed), FAMILIES[seed % 2]

@@ -90,7 +90,7 @@ def test_motion_requested_after_stop_runs(arm):
 
 
 @pytest.mark.full
-def test_motion_requested_during_braking_of_stopped_one_runs(arm):
+def test_motion_requested_while_stopped_motion_brakes_is_run(arm):
     later = []
 
     def stop_and_go_on(progress):

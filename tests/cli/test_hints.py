@@ -79,7 +79,7 @@ def test_options_of_commands_quoted_in_messages_exist():
 
 
 @pytest.mark.full
-def test_command_quoted_in_message_ends_before_prose():
+def test_command_quoted_in_hint_excludes_following_prose():
     prose = {"tries", "is", "and", "then", "the", "to", "goes", "with", "for"}
     assert [row for row in mentions() if prose & set(row[2].split())] == []
 

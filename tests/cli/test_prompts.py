@@ -92,7 +92,7 @@ def test_read_keys_ignores_keys_typed_before_it(terminal):
         assert pressed() == ""
 
 
-def test_read_keys_returns_each_key_typed_together_once(terminal):
+def test_read_keys_returns_every_key_of_a_burst_once(terminal):
     with read_keys() as pressed:
         terminal.type("us")
         assert pressed() == "us"

@@ -223,7 +223,7 @@ def test_solve_trace_that_does_not_converge_exits_7(run_cli):
         ("--tool-axis w", "'w' is not a direction"),
     ],
 )
-def test_solve_refuses_contradicting_options_before_solving(run_cli, words, message):
+def test_solve_refuses_contradictory_options_before_solving(run_cli, words, message):
     result = run_cli(f"{FLAT} {words}")
     assert result.code == 2
     assert message in result.err

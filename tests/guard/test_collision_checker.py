@@ -275,7 +275,7 @@ def test_collision_error_names_first_contact_on_path():
         ((-2e-9, -1.5e-9, 0.5), False),
     ],
 )
-def test_path_contact_is_tolerated_up_to_1_nm(heights, refused):
+def test_path_overlap_up_to_1_nanometre_is_no_collision(heights, refused):
     points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
     way = [np.array([height_m, 1.0]) for height_m in heights]
     if refused:

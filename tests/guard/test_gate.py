@@ -115,7 +115,7 @@ def test_gate_refuses_goal_before_first_measurement():
     assert bus.sent == []
 
 
-def test_reset_goals_sends_measured_ticks_outside_limits():
+def test_reset_goals_sends_measured_ticks_even_outside_limits():
     bus = Recorder()
     NamedGate([make_limits()], bus, ManualClock()).reset_goals({"elbow": 950})
     assert bus.sent == [{3: 950}]
@@ -287,7 +287,7 @@ def test_gate_accepts_only_hold_after_stop():
     assert (bus.sent, gate.stop_reason) == ([{3: 2048}], hot)
 
 
-def test_acknowledged_gate_needs_reset_goals_first():
+def test_acknowledged_gate_refuses_goals_until_reset_goals():
     gate, bus, _ = make_gate_at(2048)
     unplugged = StopReason(StopKind.UNPLUGGED, "the cable")
     gate.latch_stop(unplugged)

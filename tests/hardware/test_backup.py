@@ -92,7 +92,7 @@ def test_file_that_is_not_a_backup_is_refused(tmp_path, text):
         ("homing_offset = 0", "homing_offset = true", "homing_offset: is True"),
     ],
 )
-def test_damaged_backup_is_refused_with_the_damaged_field(bus, old, new, why):
+def test_refusal_of_damaged_backup_names_damaged_field(bus, old, new, why):
     path, _ = back_up_once(bus, "so101")
     text = path.read_text()
     assert old in text

@@ -111,7 +111,7 @@ def test_compiled_search_equals_python_search(name, kind):
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
 @pytest.mark.parametrize("kind", TargetKind)
-def test_compiled_search_equals_python_out_of_reach(kind, uncompiled):
+def test_compiled_and_python_search_agree_on_far_target(kind, uncompiled):
     options = {"stretched": 3.0, "traced": 40, "uncompiled": uncompiled}
     assert same_both_ways("so101", kind, 2, 1, **options) == 0.0
 

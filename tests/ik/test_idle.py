@@ -40,7 +40,7 @@ def test_every_solver_keeps_joints_beyond_target_frame(name, method):
 
 
 @pytest.mark.parametrize("method", EVERY)
-def test_target_along_link_axis_keeps_joints_beyond_link(method):
+def test_joints_beyond_link_stay_still_for_target_on_its_axis(method):
     model = load_model("so101")
     chain, frame, q0 = model.chain, middle_of("so101")[1], model.chain_pose("home")
     T = chain.forward(q0, frame)

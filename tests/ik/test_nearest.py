@@ -41,7 +41,7 @@ def test_solve_returns_closed_form_solution_nearest_to_start(name, kind):
         assert way(result.q, q0) <= min(known, default=np.inf) + 1e-6
 
 
-def test_solve_without_nearest_option_may_return_farther_one():
+def test_solution_without_nearest_option_can_be_farther():
     ways = [
         (way(solve(chain, target, q0, nearest=False).q, q0), way(solve(chain, target, q0).q, q0))
         for chain, target, q0 in questions("wx250s", "pose", 30)

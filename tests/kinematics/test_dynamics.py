@@ -275,7 +275,7 @@ def test_regressor_tolerance_ignores_largest_single_sample():
     assert list(independent_columns(Y, np.ones(3), 1.3e-3).columns) == [0]
 
 
-def test_independent_column_is_found_with_fewer_samples():
+def test_independent_columns_are_found_from_few_samples():
     assert list(independent_columns([[0.0, 0.0, 2.0]], np.ones(3)).columns) == [2]
 
 

@@ -27,7 +27,7 @@ def test_inertia_tensor_asymmetric_within_1e_9_is_accepted():
         )
 
 
-def test_inertia_tensor_asymmetric_over_1e_9_is_refused():
+def test_inertia_tensor_asymmetric_by_over_1e_9_is_refused():
     for by in (1.1e-9, -1.1e-9):
         with pytest.raises(BadValueError, match="symmetric"):
             LinkMass("hook", 1.0, np.zeros(3), asymmetric(by))

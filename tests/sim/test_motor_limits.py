@@ -77,7 +77,7 @@ def test_motor_without_voltage_has_no_torque_and_no_current() -> None:
 
 
 @pytest.mark.parametrize("limit", ["torque_limit", "pwm_limit"])
-def test_duty_limit_limits_blocked_torque(limit: str) -> None:
+def test_duty_limit_reduces_stall_torque(limit: str) -> None:
     motor, drive = blocked("STS3215"), DriveCommand(True, goal_rad=1.0)
     setattr(drive, limit, 0.2)
     run(motor, drive, 0.1)

@@ -44,7 +44,7 @@ def test_potentiometer_joint_never_counts_as_full_turn():
 
 
 @pytest.mark.parametrize(("width_deg", "reported"), [(299.5, True), (300.5, False)])
-def test_full_turn_is_reported_for_arm_file_range_below_300_deg(width_deg, reported):
+def test_full_turn_of_joint_with_range_below_300_deg_is_reported(width_deg, reported):
     half = math.radians(width_deg) / 2
     messages = messages_of(swept(subject(lower=-half, upper=half), 4100))
     assert any("was moved by a full turn" in each for each in messages) is reported

@@ -114,7 +114,7 @@ def test_backlash_is_motor_travel_minus_joint_travel(backlash_rad, kt_error):
         assert fit_backlash(recording, 0, pressed, motors) is None
 
 
-def test_current_resolution_at_rest_is_not_fitted_as_backlash():
+def test_quantised_current_at_rest_is_not_fitted_as_backlash():
     true, recording = Drive(), swing(Drive(), 0.01)
     last = np.flatnonzero(np.append(np.diff(recording.leg), 1))
     rows = np.sort(np.append(np.arange(len(recording.time_s)), last.repeat(round(2.0 / DT_S))))

@@ -209,5 +209,5 @@ def test_plot_of_unknown_joint_or_missing_stop_is_refused(message, words):
         PlotFeed().choose(1, message, make_history())
 
 
-def test_link_statistics_channels_do_not_name_a_joint():
+def test_bus_statistics_channels_belong_to_no_joint():
     assert make_history().channels[-2:] == (Channel("round_trip", "ms"), Channel("losses", ""))

@@ -64,7 +64,7 @@ def test_shoulder_seen_from_front_is_hidden_by_gripper():
     assert found["gripper"].is_visible
 
 
-def test_gripper_is_hidden_from_behind():
+def test_gripper_is_hidden_by_the_arm_seen_from_behind():
     assert not seen((-0.5, 0.0, 0.1))["gripper"].is_visible
 
 

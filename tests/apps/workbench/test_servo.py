@@ -193,7 +193,7 @@ def test_servo_tune_without_room_suggests_only_valid_options(run_cli):
 FAST = "--port sim:?paced=0"
 
 
-def test_servo_plot_prints_csv_for_programs(run_cli):
+def test_servo_plot_prints_csv_to_a_pipe(run_cli):
     result = run_cli(f"servo plot --arm so101 {FAST} --id 3,wrist_roll --duration 1 --period 50ms")
     head, *rows = result.out.splitlines()
     columns = head.split(",")

@@ -164,7 +164,7 @@ def test_servo_plugged_in_too_early_gets_its_own_id(run_cli, monkeypatch):
     assert [servo.id for servo in operators[0].servos] == [1, 2, 3, 4, 5, 6]
 
 
-def test_setup_refuses_whole_arm_and_writes_nothing(run_cli, monkeypatch):
+def test_setup_refuses_several_servos_and_writes_nothing(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, lambda line: None)
     result = run_cli("setup so101 --port sim --yes --wait 5")
     assert result.code == 4
