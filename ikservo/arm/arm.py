@@ -272,7 +272,7 @@ class Arm(MotionMethods):
         return self.preflight.plan(check_motion(motion))
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
-        """Clamp a named pose to this arm's limits, which may be narrower than the pose.
+        """Clamp a named pose to this arm's limits, which may exclude it.
 
         The rest pose is clamped however far outside the limits it is, because it must always be
         possible to lower the arm. Other poses are clamped only if joints are on end stops, just

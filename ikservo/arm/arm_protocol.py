@@ -105,7 +105,7 @@ class OpenArm(MotionMethods, Protocol):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: The arm was closed before.
+            PortError: The arm has already been closed.
         """
         ...
 
@@ -201,7 +201,7 @@ class OpenArm(MotionMethods, Protocol):
         ...
 
     def target_period_s(self) -> float:
-        """Return the time between two targets of ``follow``; for functions of this package."""
+        """Return the time between two targets of ``follow``; only for use inside this package."""
         ...
 
     def leader_positions(

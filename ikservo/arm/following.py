@@ -65,7 +65,7 @@ def follow_goals(
             the largest speed and acceleration stay the same.
         settle_after_s: Time at the goal after which joints are corrected by their measured
             positions, as at the end of a motion; a new goal ends the correction.
-        slow_s: Shortest time for which the first motion is slow, for goals that are always near.
+        slow_s: Minimum time for which the first motion is slow, even if the goals stay close.
         by_tip: Returns whether the goal was computed for a target of the tip; see ``settle_at``.
 
     Returns:

@@ -65,7 +65,7 @@ class ArmDescription:
 
 
 class ServableArm(OpenArm, Protocol):
-    """An arm on a port of this process, such as an ``Arm``."""
+    """An arm whose port is open in this process, such as an ``Arm``."""
 
     @property
     def runner(self) -> MotionRunner:

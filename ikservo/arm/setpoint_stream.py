@@ -190,7 +190,7 @@ class SetpointStream:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of arrays (n,)."""
+        """Names of the joints, in the order in which arrays (n,) contain them."""
         return self._context.servos.names
 
     @property

@@ -243,7 +243,7 @@ def _to_si(degrees: float | None, metres: float | None) -> float | None:
 
 
 class StoredJointMeasurement(StrictModel):
-    """Travel of one joint between its end stops, in bare encoder ticks."""
+    """Travel of one joint between its end stops, in raw encoder ticks."""
 
     name: str = Field(max_length=64, description="a joint")
     servo_id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")

@@ -36,7 +36,7 @@ _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
 class EepromChange(StrictModel):
-    """The change of one servo, with old and new raw numbers."""
+    """Registers of one servo that change, with their old and new raw values."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     old: _Memory = Field(description="register = raw number")

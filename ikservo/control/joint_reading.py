@@ -105,7 +105,7 @@ class Feedback:
         """Read every joint's tick (n,).
 
         Raises:
-            BusError: A servo does not reply in any attempt.
+            BusError: A servo does not reply to any attempt.
         """
         ticks = read_register(self._bus, self._ids, RegisterName.PRESENT_POSITION)
         self._last |= ticks

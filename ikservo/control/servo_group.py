@@ -418,7 +418,7 @@ def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
     """Read goals back before torque comes on, because a stale goal would make a joint jump.
 
     Raises:
-        ServoRejectedError: A servo keeps another goal; torque stays off.
+        ServoRejectedError: A servo still holds a different goal; torque stays off.
     """
     goals = read_register(bus, expected, RegisterName.GOAL_POSITION)
     for servo_id, goal in goals.items():

@@ -139,7 +139,7 @@ class StreamedServos:
     def refresh_reference(self) -> Vector:
         """Measure the joints at rest; move the reference of a joint that is far from its reference.
 
-        When torque is switched on, a limp arm sags by the amount that its load explains. The
+        When torque is switched on, a limp arm sags as far as its load and friction predict. The
         reference is then not moved, and the next motion begins by lifting the arm.
 
         Returns:

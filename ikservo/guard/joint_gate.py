@@ -18,7 +18,7 @@ _EASE_FROM = 0.75
 class RateLimiter:
     """The step limit of one joint's goals.
 
-    Goals are integer ticks, so that a step may be up to one tick longer than the speed allows; the
+    Goals are integer ticks, so a step may be up to one tick longer than the speed allows; the
     next steps are shortened by this excess, because many small steps would otherwise be too fast.
 
     Args:

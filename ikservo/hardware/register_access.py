@@ -309,7 +309,7 @@ class RegisterAccess:
         Torque is read if it is not known to be on.
 
         Raises:
-            RegisterAccessError: Torque is off, and is not being switched on at the goal position.
+            RegisterAccessError: Torque is off, or is being switched on far from the goal position.
             BusError: The torque is not known, and the servo does not reply.
         """
         if servo.id in self._torque_on or not is_goal(servo, register):

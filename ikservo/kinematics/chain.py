@@ -283,7 +283,7 @@ class Chain:
         return poses
 
     def _links(self, q: ArrayLike) -> Vector:
-        """Compute the link joints (dof,) or (n, dof) from the joints that the sensors measure."""
+        """Compute the link joints' positions (dof,) or (n, dof) from the measured positions."""
         joints = finite_vectors(q, self.dof, "q")
         return joints if self.link_joints is None else self.link_joints(joints)
 

@@ -93,7 +93,7 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
 
 
 def _distances_m(points_m: Matrix, path_m: Matrix, windows: IntMatrix) -> Vector:
-    """Compute the distance (k,) of each point to the segments of its window (k, w) of the path."""
+    """Compute the distance (k,) from each point to the path segments in its window (k, w)."""
     begin, along = path_m[windows], np.diff(path_m, axis=0)[windows]
     apart = points_m[:, None, :] - begin
     length2 = np.maximum((along**2).sum(axis=2), 1e-300)

@@ -340,7 +340,7 @@ class Planner:
         """Plan a motion after which the tool axis points at a point (3,) [m].
 
         Raises:
-            AimError: No joints inside the limits were found that aim the tool axis at the point.
+            AimError: No joint positions inside the limits were found that aim the axis there.
         """
         from ikservo.ik.sight import solve_sight  # noqa: PLC0415  # few motions aim
 

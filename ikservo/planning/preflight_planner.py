@@ -499,7 +499,7 @@ class PreflightPlanner:
                     yield plan if first is None else self._join(first, plan, "")
 
     def _exits(self, request: _MotionRequest, load_factor: float) -> Iterator[MotionPlan]:
-        """Yield short motions, with free paths, from a contact to postures without contact."""
+        """Yield short collision-free motions from a contact to postures without contact."""
         arm, start, allowed = request.arm, request.start, request.allowed
         if not arm.is_in_contact(start, load_factor, 0.0):
             return

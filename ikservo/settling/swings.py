@@ -53,7 +53,7 @@ class SwingDamper:
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has swung too often to be corrected again."""
+        """Whether the joint is swinging, or has swung too often to be corrected again."""
         return self._turns >= _MIN_TURNS
 
     @property

@@ -304,7 +304,7 @@ class _JointSearch:
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
     def start_posture(self, posture: Vector) -> Vector:
-        """Return a posture with the joint at its start."""
+        """Return a copy of a posture (n,) with the joint at the start of its search."""
         moved = posture.copy()
         moved[self.column] = self.start
         return moved

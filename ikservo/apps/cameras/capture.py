@@ -106,7 +106,7 @@ class AddressCapture:
         return self._ask(_GRAB)[0]
 
     def release(self) -> None:
-        """Close the camera; the process ends."""
+        """Close the camera, and end the process that reads it."""
         for pipe in (self._requests, self._answers):
             with contextlib.suppress(OSError):  # the process has already ended
                 pipe.close()

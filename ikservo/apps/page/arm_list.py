@@ -92,7 +92,7 @@ _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
 
 
 def read_arm_list_message(text: str) -> ArmListMessage:
-    """Parse and validate a message of the list.
+    """Parse and validate a message from the page's list of arms.
 
     Raises:
         BadMessageError: The message is too long, not JSON, or not one of the messages above.

@@ -360,7 +360,7 @@ class SessionController:
                 self._interaction.set_things(self._arm.scene.things)
 
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
-        """Switch a servo's torque, and drop the goal, because it started from the old position."""
+        """Switch a servo's torque; drop the goal, because the start of its plan may change."""
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Torque stays on while Live is on.", "Switch Live off first.")

@@ -135,10 +135,10 @@ class ArmServer:
     # requests
 
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
-        """Return the context for running a request; a later stop ends its motion.
+        """Return the context for running a request; a stop after the request ends its motion.
 
         A stop while the request was on its way, or was waiting in the client, also ends the
-        motion. A larger stop count is capped, because the motion could survive later stops.
+        motion. A stop count above the arm's is capped; otherwise, the motion could survive stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count

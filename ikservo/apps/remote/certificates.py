@@ -228,7 +228,7 @@ def access_control(name: str) -> Mapping[str, object]:
     """Return Zenoh's access control for a served arm; everything that is not listed is refused.
 
     A watcher may ask for states and stop the arm; an operator may also drive it. Only the server
-    may publish news and answer requests.
+    may publish states, progress and streams, and answer requests.
     """
     watching = [keys.watch(name, "*"), keys.watch("*", "*"), keys.stop(name), keys.stop("*")]
     driving = [keys.drive(name, "*")]

@@ -118,7 +118,7 @@ class RemoteArm(MotionMethods):
         return parse_result(float, self._connection.watch("clearance", positions=given))
 
     def where(self) -> ArmState:
-        """Measure tip, joints and health."""
+        """Measure the tip, the joints and the servos' health."""
         return parse_result(ArmState, self._connection.watch("where"))
 
     def last_state(self) -> ArmState:

@@ -35,7 +35,7 @@ class SetpointInbox:
         self._goal_s = math.inf
 
     def begin(self, lease: str, number: int) -> None:
-        """Start the motion of a numbered request under a lease; setpoints sent later are used."""
+        """Start the motion of a lease's numbered request; use setpoints sent after the request."""
         with self._changed:
             self._begun, self._closed, self._goal_s = (lease, number), False, math.inf
 

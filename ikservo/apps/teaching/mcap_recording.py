@@ -187,7 +187,7 @@ class McapFile:
             self._writer.flush()
 
     def close(self) -> None:
-        """Write the index and close the file; it then replaces an existing file.
+        """Write the index and close the file, which then replaces any file of the same name.
 
         Raises:
             FileWriteError: The disk is full or not writable.

@@ -176,7 +176,7 @@ def _positions_only(context: ArmContext) -> Callable[[], ArmSample]:
 
 
 class _OwnArm:
-    """Measures the joints at each call, and the health of the servos every second."""
+    """Sampler of the joints at each call, and of the servos' health every second."""
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
         self._context, self._runner = context, runner

@@ -53,7 +53,7 @@ def point_fields(
 
 
 def point_lines(model: Model, point_m: Sequence[float] | None, found: Result | None) -> list[str]:
-    """Return the text lines of a requested point; empty if none was requested."""
+    """Return the lines of text about a requested point; empty if none was requested."""
     if point_m is None or found is None:
         return []
     if found.reached:

@@ -58,7 +58,7 @@ class HandControl:
             self._filter.release()
 
     def refuse(self, message: TrackHand) -> None:
-        """Open the clutch; the press that a message belongs to cannot close it again."""
+        """Open the clutch; the button press that sent the message cannot close it again."""
         self.release()
         if message.held:
             self.limit = _LET_GO

@@ -82,7 +82,7 @@ class AppPanels:
         return [{"kind": "app_panels", "panels": shown}]
 
     def start(self, heading: str, button: str) -> None:
-        """Start the motion of a button.
+        """Start the motion that a button offers.
 
         Raises:
             BadMessageError: There is no such button.

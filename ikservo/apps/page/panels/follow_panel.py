@@ -74,7 +74,7 @@ class FollowPanel:
             self._job.finish()
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return new frames about the leader for a client."""
+        """Return the frame with the leader's name and lag, unless the client already has it."""
         job, now_s = self._job, self._clock.now_s()
         if job is not None and self._arm_thread.job is not job:
             self._job, self._reported_s = None, -math.inf

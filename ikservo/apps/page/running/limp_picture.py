@@ -33,7 +33,7 @@ class LimpPicture:
         self._first: Mapping[int, int] = {}
 
     def positions(self, request: HandRequest | None) -> Vector:
-        """Compute the positions (n,) of the joints for drawing, rad or m, at a reading."""
+        """Compute the joint positions (n,) to draw, rad or m, from the readings in a request."""
         if request is None:
             return self._start
         if request.readings:
