@@ -207,7 +207,7 @@ class Calibration(StrictModel):
         return ({"": self.camera} if self.camera else {}) | self.cameras
 
     def with_cameras(self, cameras: Mapping[str, CalibratedCamera]) -> Calibration:
-        """Return a calibration with other cameras, in the form of ``cameras_by_name``."""
+        """Return a calibration with different cameras, in the form of ``cameras_by_name``."""
         named = {name: camera for name, camera in cameras.items() if name}
         return self.model_copy(update={"camera": cameras.get(""), "cameras": named})
 

@@ -50,7 +50,7 @@ class Journal(StrictModel):
         path: The calibration file.
         old_text: The old content of the file; empty if there was none.
         new_text: The new content of the file.
-        changes: The changes by servo, in the order of writing.
+        changes: The changes by servo, in the order in which they are written.
         temporary: Whether the new numbers are only for a search for end stops, and then undone.
     """
 

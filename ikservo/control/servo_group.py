@@ -65,7 +65,7 @@ class ServoGroup(StreamedServos):
         driven_joints: The joints, each with its servo, limits and speed.
         shadows: Ids of the additional servos of joints, by joint.
         clock: The clock of the bus.
-        health: The limits of temperature, load and supply.
+        health: The limits on temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
     """
 

@@ -42,7 +42,7 @@ class RateLimiter:
 
 
 class JointGate:
-    """Checks the goals of one joint against its limits, its last goal and its last measurement.
+    """Check of one joint's goals against its limits, its last goal and its last measurement.
 
     A goal's *lead* is its distance from the measured joint. A goal with a lead of more than
     `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or between the present

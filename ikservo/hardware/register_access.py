@@ -24,7 +24,7 @@ another revolution and would turn all the way back.
 
 
 class StopListening(Protocol):
-    """Receives the stops that other programs send to a bus."""
+    """Receiver of the stops that other programs send to a bus."""
 
     def check_may_move(self) -> None:
         """Raise ``StoppedError`` if another program has stopped this one."""

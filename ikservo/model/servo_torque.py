@@ -69,8 +69,8 @@ class ServoTorque:
         startup_duty: Duty that the firmware adds in the direction of an error, minus the duty of
             its dead zone at ``p_gain``.
         sustained_duty: Duty that a blocked servo may apply for a long time, with a margin to its
-            own protection, which acts at 80 % according to Feetech's registers. Dynamixel publishes
-            no value; the simulator uses 90 %.
+            overload protection, which acts at 80 % according to Feetech's registers. Dynamixel
+            publishes no value; the simulator uses 90 %.
     """
 
     stiffness_nm_rad: float

@@ -21,7 +21,7 @@ _MAX_CHARS = 4096
 
 
 def error_fields(error: BaseException) -> dict[str, Any]:
-    """Return an error as JSON values; errors of other libraries become a general failure.
+    """Return an error as JSON values; errors from other libraries become a general failure.
 
     Message and hint are in terms of the command line; details are the other attributes with plain
     values.

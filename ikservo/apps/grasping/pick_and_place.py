@@ -330,7 +330,7 @@ class _JawsHold:
 
 
 class _GraspPlanner:
-    """Plans grasps from the positions (n,) of all joints; nothing moves, and no servo is read."""
+    """Planner of grasps from the positions (n,) of all joints; moves nothing and reads no servo."""
 
     def __init__(self, context: ArmContext, start: Vector, speed: str) -> None:
         context.require_zeros()

@@ -123,7 +123,7 @@ def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
 
 
 class _FolderResolver:
-    """Gives trimesh the files that a mesh names, but only from the folder of the mesh."""
+    """Resolver that gives trimesh the files that a mesh names, only from the mesh's folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

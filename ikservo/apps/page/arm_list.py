@@ -101,7 +101,7 @@ def read_arm_list_message(text: str) -> ArmListMessage:
 
 
 class ArmList:
-    """Shows the arms to every client; clients that may move an arm may open and close arms."""
+    """The arms, shown to every client; clients that may move an arm may open and close arms."""
 
     def __init__(
         self,

@@ -53,7 +53,7 @@ _QUICK = ("lease", "release", "acknowledge", "disable_torque")
 
 
 class ArmServer:
-    """Serves an open arm in a Zenoh session, in its own threads, until it is closed.
+    """Server of an open arm in a Zenoh session, in separate threads, until it is closed.
 
     Motions run one at a time. If the operator of a running motion is silent for 0.3 s, or the
     connection is lost, the arm brakes, holds, and stays stopped until the stop is acknowledged.
@@ -145,7 +145,7 @@ class ArmServer:
         return background.requested(present if count is None else min(count, present))
 
     def check(self, request: ServiceRequest, service: str) -> None:
-        """Check a request of the operator against the lease when it arrives.
+        """Check a request from the operator against the lease when it arrives.
 
         Raises:
             RefusedError: The lease refuses the request.

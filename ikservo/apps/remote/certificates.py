@@ -99,7 +99,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     Raises:
         InputError: There are already certificates, or a host is not valid.
         IkservoError: The extra ``net`` is not installed.
-        FileWriteError: A file cannot be written; earlier certificates are unchanged.
+        FileWriteError: A file cannot be written; existing certificates are unchanged.
     """
     if (folder / _AUTHORITY).exists() and not overwrite:
         raise InputError(f"{folder} already has certificates.", "Choose another folder.")

@@ -20,7 +20,7 @@ _POLL_S = 0.05
 
 
 class SetpointInbox:
-    """Stores the newest goal, and whether the operator wants the motion to continue.
+    """Store of the newest goal, and of whether the operator wants the motion to continue.
 
     Setpoints may overtake the request that starts their motion. Therefore, setpoints that arrive
     before ``begin`` are kept, and are used if they were sent after that request.
@@ -103,7 +103,7 @@ class SetpointInbox:
 
 
 class _Pace:
-    """Slows simulated time down to the real time of the operator."""
+    """Pace that slows simulated time down to the real time of the operator."""
 
     def __init__(self, arm: OpenArm) -> None:
         self._clock = arm.clock

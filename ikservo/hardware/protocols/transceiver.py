@@ -172,7 +172,7 @@ _NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Sends requests on a port and receives the replies."""
+    """Sender of requests on a port, and receiver of the replies."""
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec

@@ -22,7 +22,7 @@ _MAX_REMEMBERED = 64
 
 
 class HandControl:
-    """Moves the goal with the user's hand while the clutch is closed.
+    """Control of the goal by the user's hand while the clutch is closed.
 
     Each press of the user has a number. Once the clutch has opened, for any reason, the same
     press does not close it again.

@@ -24,7 +24,7 @@ FindArm = Callable[[str], ArmThread | None]
 
 
 class FollowPanel:
-    """Couples the arm to a leader, another arm of the page, and shows its lag."""
+    """Coupling of the arm to a leader, another arm of the page, with a display of its lag."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock, find_arm: FindArm) -> None:
         self._arm_thread, self._clock, self._find_arm = arm_thread, clock, find_arm

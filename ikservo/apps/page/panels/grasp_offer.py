@@ -40,7 +40,7 @@ class _GraspChoice:
 
 
 class GraspOffer:
-    """The pick or place that was chosen last; ``GoalPlanner`` plans it in its own thread.
+    """The pick or place that was chosen last; ``GoalPlanner`` plans it in a separate thread.
 
     Args:
         arm_thread: Owns the arm.
