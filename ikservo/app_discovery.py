@@ -1,4 +1,4 @@
-"""Find the apps of ikservo and of other distributions, and the parts that they offer."""
+"""Find the apps in ikservo and in other distributions, and the parts that they offer."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def built_in_apps() -> tuple[App, ...]:
 
 @cache
 def installed_apps() -> tuple[tuple[App, ...], tuple[str, ...]]:
-    """Return the apps of other distributions, and a message for each app that cannot be used.
+    """Return the apps from other distributions, and a message for each app that cannot be used.
 
-    An app that fails or prints while it is imported, or that uses a name of another app, is left
+    An app that fails or prints while it is imported, or that uses a name from another app, is left
     out and does not affect the others.
     """
     if not other_packages_have(APP_GROUP):
@@ -68,7 +68,7 @@ def installed_apps() -> tuple[tuple[App, ...], tuple[str, ...]]:
 
 
 def all_apps() -> tuple[App, ...]:
-    """Return the built-in apps, then those of other distributions."""
+    """Return the built-in apps, then those from other distributions."""
     return (*built_in_apps(), *installed_apps()[0])
 
 

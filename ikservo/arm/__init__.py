@@ -1,4 +1,4 @@
-"""An arm on its servos: open it, move it, read its state, switch its torque off.
+"""Arms and their servos: open an arm, move it, read its state, switch its torque off.
 
 Names are imported when they are first used, because ``ikservo stop`` imports a module of this
 package and must not wait for NumPy.

@@ -43,10 +43,11 @@ class Arm(MotionMethods):
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
-    run in the background, after earlier motions, and return a ``RunningMotion``, whose ``wait``
-    returns the result or raises the error. Closing the arm cancels them. ``plan``, ``execute`` and
-    ``start`` take a motion as a value; ``ikservo.planning.motions`` explains all motions and
-    options. Apps add methods such as ``record`` and ``replay``, and the attribute ``camera``.
+    run in the background, after the motions before them, and return a ``RunningMotion``, whose
+    ``wait`` returns the result or raises the error. Closing the arm cancels them. ``plan``,
+    ``execute`` and ``start`` take a motion as a value; ``ikservo.planning.motions`` documents all
+    motions and options. Apps add methods such as ``record`` and ``replay``, and the attribute
+    ``camera``.
 
     Args:
         context: The servos, model, calibration and checks of the arm.
@@ -59,9 +60,9 @@ class Arm(MotionMethods):
         zeros: The source of the joint zeros.
         poses: The poses in the arm file, and taught poses.
         joint_index: The columns of the joints in vectors of all joints (n,).
-        preflight: The planner and checker of motions; for functions of this package.
-        background: The runner of motions that the program does not wait for; for functions of this
-            package.
+        preflight: The planner and checker of motions; only for use inside this package.
+        background: The runner of motions that the program does not wait for; only for use inside
+            this package.
 
     Raises:
         CalibrationError: The arm is not calibrated, and the motion is more than a small step of
@@ -97,7 +98,7 @@ class Arm(MotionMethods):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: The arm was closed before.
+            PortError: The arm has already been closed.
         """
         self._runner.check_open()
         return self
@@ -115,12 +116,12 @@ class Arm(MotionMethods):
 
     @property
     def context(self) -> ArmContext:
-        """The servos, model, calibration and checks of the arm; for functions of this package."""
+        """The arm's servos, model, calibration and checks; only for use inside this package."""
         return self._context
 
     @property
     def runner(self) -> MotionRunner:
-        """The motion runner; for functions of this package."""
+        """The motion runner; only for use inside this package."""
         return self._runner
 
     @property
@@ -130,7 +131,7 @@ class Arm(MotionMethods):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, in the order of vectors (n,)."""
+        """Names of all joints, in the order used in vectors (n,)."""
         return self._context.servos.names
 
     @property
@@ -151,7 +152,7 @@ class Arm(MotionMethods):
         return self.preflight.clearance_m(positions)
 
     def where(self) -> ArmState:
-        """Measure tip, joints and health.
+        """Measure the tip, the joints and the servos' health.
 
         While another thread moves the arm, the values are those of its last control cycle.
         """
@@ -272,7 +273,7 @@ class Arm(MotionMethods):
         return self.preflight.plan(check_motion(motion))
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
-        """Clamp a named pose to this arm's limits, which may be narrower than the pose.
+        """Clamp a named pose to this arm's limits, which may exclude it.
 
         The rest pose is clamped however far outside the limits it is, because it must always be
         possible to lower the arm. Other poses are clamped only if joints are on end stops, just
@@ -280,7 +281,7 @@ class Arm(MotionMethods):
 
         Raises:
             UnknownNameError: There is no such pose.
-            BadValueError: ``start`` has another shape, or a number is not finite.
+            BadValueError: ``start`` has the wrong shape, or a number is not finite.
         """
         return self.preflight.pose_within_limits(pose, start)
 
@@ -313,7 +314,7 @@ class Arm(MotionMethods):
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
     ) -> dict[str, float]:
-        """Save the measured joints as a pose of this arm; return them, rad or m by name.
+        """Save the measured positions as a pose of this arm; return them, rad or m by joint.
 
         Args:
             name: 1 to 64 of A-Z a-z 0-9 _ -; not a pose of the arm file.
@@ -332,7 +333,7 @@ class Arm(MotionMethods):
         return positions
 
     def target_period_s(self) -> float:
-        """Return the time between two control cycles; for functions of this package."""
+        """Return the time between two control cycles; only for use inside this package."""
         return self._runner.loop.measure_cycle_time_s()
 
     @contextmanager

@@ -67,7 +67,7 @@ class GoalStream(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of arrays (n,)."""
+        """Names of the joints, in the order used in arrays (n,)."""
         ...
 
     @property
@@ -85,7 +85,7 @@ class GoalStream(Protocol):
 
 
 class OpenArm(MotionMethods, Protocol):
-    """An open arm, with servos on this machine or another one. ``Arm`` explains each method.
+    """An open arm, with servos on this machine or another one. See ``Arm`` for each method.
 
     Attributes:
         model: The arm's model.
@@ -105,7 +105,7 @@ class OpenArm(MotionMethods, Protocol):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: The arm was closed before.
+            PortError: The arm has already been closed.
         """
         ...
 
@@ -133,7 +133,7 @@ class OpenArm(MotionMethods, Protocol):
         ...
 
     def where(self) -> ArmState:
-        """Measure tip, joints and health."""
+        """Measure the tip, the joints and the servos' health."""
         ...
 
     def last_state(self) -> ArmState:
@@ -166,13 +166,13 @@ class OpenArm(MotionMethods, Protocol):
     # poses and goals
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
-        """Clamp a named pose to this arm's limits, which may be narrower than the pose."""
+        """Clamp a named pose to this arm's limits, which may exclude it."""
         ...
 
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
     ) -> dict[str, float]:
-        """Save the measured joints as a pose of this arm; return them, rad or m by name."""
+        """Save the measured positions as a pose of this arm; return them, rad or m by joint."""
         ...
 
     def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
@@ -201,7 +201,7 @@ class OpenArm(MotionMethods, Protocol):
         ...
 
     def target_period_s(self) -> float:
-        """Return the time between two targets of ``follow``; for functions of this package."""
+        """Return the time between two targets of ``follow``; only for use inside this package."""
         ...
 
     def leader_positions(

@@ -228,7 +228,7 @@ class Background:
 
     @contextmanager
     def turn(self) -> Generator[None]:
-        """Wait for earlier motions; the ``with`` block then counts as a motion requested now.
+        """Wait for the motions started so far; the ``with`` block then counts as one requested now.
 
         Raises:
             RefusedError: A stream of setpoints is open, or this process is a fork of the one that
@@ -240,7 +240,7 @@ class Background:
             yield
 
     def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
-        """Start a motion in a thread, after earlier motions; it counts as requested now.
+        """Start a motion in a thread, after those requested so far; it counts as requested now.
 
         Raises:
             RefusedError: See ``turn``.

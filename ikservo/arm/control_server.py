@@ -51,7 +51,7 @@ def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer 
 
 
 class ControlServer:
-    """Serves clients until it is closed: one thread per client, a few at a time."""
+    """Server of clients until it is closed: one thread per client, a few at a time."""
 
     def __init__(self, listening: ListeningSocket, handler: RequestHandler) -> None:
         self._listening, self._handler = listening, handler

@@ -65,7 +65,7 @@ def follow_goals(
             the largest speed and acceleration stay the same.
         settle_after_s: Time at the goal after which joints are corrected by their measured
             positions, as at the end of a motion; a new goal ends the correction.
-        slow_s: Shortest time for which the first motion is slow, for goals that are always near.
+        slow_s: Minimum time for which the first motion is slow, even if the goals stay close.
         by_tip: Returns whether the goal was computed for a target of the tip; see ``settle_at``.
 
     Returns:
@@ -109,10 +109,10 @@ def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed:
 
 
 class _OnlineController:
-    """Retargets an online trajectory to new goals.
+    """Controller that retargets an online trajectory to new goals.
 
     Attributes:
-        error: The error of the source, raised once the arm has braked.
+        error: The error that the source raised, raised again once the arm has braked.
         settled_goal: See ``follow_goals``.
         stands: Whether the arm has been at its goal long enough to correct the joints.
         has_ended: Whether the source has ended.
@@ -209,7 +209,7 @@ class _OnlineController:
 
 
 class _TargetFollower:
-    """Converts a stream of targets to joint goals, one per control cycle."""
+    """Converter from a stream of targets to joint goals, one per control cycle."""
 
     def __init__(
         self,
@@ -275,7 +275,7 @@ def follow(
     arm moves there as fast as its speed class allows, without a stop or a jump, and keeps its IK
     branch. A target is valid for 0.3 s; without a new one, the arm then brakes. At the end, the sag
     under load is corrected, as by ``move_to``, at the last target that the guard accepted or at the
-    position where the arm was braked, but not after a stop or an error of the stream.
+    position where the arm was braked, but not after a stop or an error in the stream.
 
     ``speed`` is the speed class; ``on_progress`` is called with a ``MotionProgress`` in every
     cycle.

@@ -33,7 +33,7 @@ _ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
 
 class GripperMotion:
-    """Moves the gripper's joint to its goal, and stops pressing if something blocks the joint.
+    """Motion of the gripper's joint to its goal; stops pressing if something blocks the joint.
 
     Args:
         context: The arm.

@@ -41,7 +41,7 @@ _AHEAD_S = 0.2  # the target of the tip is its position after this time
 
 
 class _JogTarget(Protocol):
-    """Chooses the next goal of a jog."""
+    """Source of the next goal of a jog."""
 
     def next_target(self, trajectory: OnlineTrajectory, time_s: float) -> Vector | str:
         """Return the next goal (n,) of the joints, or the reason why the jog ends."""
@@ -49,7 +49,7 @@ class _JogTarget(Protocol):
 
 
 class _JointJog:
-    """Moves one joint to the end of its range."""
+    """Motion of one joint to the end of its range."""
 
     def __init__(self, context: ArmContext, joint: str, speed: float) -> None:
         self._column, self._speed = context.index.column(joint), speed
@@ -67,7 +67,7 @@ class _JointJog:
 
 
 class _CartesianJog:
-    """Moves the tip along a line from its start; each solution starts from the previous one."""
+    """Motion of the tip along a line; each solution starts from the previous one."""
 
     def __init__(self, context: ArmContext, direction: Vector, speed_m_s: float) -> None:
         self._context, self._velocity = context, direction * speed_m_s
@@ -83,7 +83,7 @@ class _CartesianJog:
 
 
 class _JogController:
-    """Retargets the trajectory while the jog continues and the braking distance is free."""
+    """Controller that retargets the trajectory while a jog goes on and may brake freely."""
 
     def __init__(
         self, context: ArmContext, target: _JogTarget, keep_going: KeepGoing, braking_s: float

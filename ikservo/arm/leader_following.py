@@ -87,7 +87,7 @@ def leader_positions(
     cycle_time_s: float,
     until: Callable[[], bool] | None = None,
 ) -> Iterator[dict[str, float] | None]:
-    """Yield the leader's measured joints by name in every cycle, or None if there is no reply.
+    """Yield the leader's measured positions by joint in every cycle, or None if there is no reply.
 
     The torque of the leader stays unchanged.
     """

@@ -215,7 +215,7 @@ class MotionMethods(Protocol):
     @property
     @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, in the order of vectors (n,)."""
+        """Names of all joints, in the order used in vectors (n,)."""
 
     @abstractmethod
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
@@ -241,7 +241,7 @@ class MotionMethods(Protocol):
     ) -> object:
         """Execute a plan or a motion, block until the arm is at rest, and return the result.
 
-        A motion is planned from the position at which the arm holds after earlier motions.
+        A motion is planned from the position at which the arm holds after the motions before it.
 
         Returns:
             A ``MoveResult`` for a plan of the tip; a ``JointMoveResult`` of the moved joints for a
@@ -261,9 +261,9 @@ class MotionMethods(Protocol):
     def start(
         self, motion: MotionValue[R], on_progress: OnProgress | None = None
     ) -> RunningMotion[R]:
-        """Start a motion in the background, after earlier motions.
+        """Start a motion in the background, after those requested so far.
 
-        The motion counts as requested now: a later stop ends it, even before it has started.
+        The motion counts as requested now: a stop from now on ends it, even before it has started.
         """
         check_callable("on_progress", on_progress)
         check_motion(motion)

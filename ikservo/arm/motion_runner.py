@@ -54,7 +54,7 @@ TrajectoryFactory = Callable[[Vector], Trajectory]
 
 
 class MotionRunner:
-    """Runs every motion of an arm, one at a time under ``lock``.
+    """Runner of every motion of an arm, one at a time under ``lock``.
 
     A motion that fails leaves the arm stopped; the first motion after torque comes on is slow.
 
@@ -109,7 +109,7 @@ class MotionRunner:
         return "" if self.stop_reason is None else self.stop_reason.text
 
     def state(self) -> ArmState:
-        """Measure joints, tip and health.
+        """Measure the joints, the tip and the servos' health.
 
         While another thread moves the arm, the values are those of its last control cycle.
         """

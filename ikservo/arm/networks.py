@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ArmNetwork(Protocol):
-    """Opens arms on other machines; entry points of ``NETWORK_GROUP`` name such an object."""
+    """Network of arms on other machines; entry points of ``NETWORK_GROUP`` name such an object."""
 
     def open_arm(self, model: Model, address: str, on_exit: OnExit) -> OpenArm:
         """Open the arm at an address.

@@ -55,8 +55,8 @@ class ExecutedMotion:
 
     Attributes:
         plan: The plan; a new one if a limp arm has sunk since the first was made.
-        settled: The joints at the end of the motion.
-        path_error: The distance of the tip from its path; None if there was no path.
+        settled: The joint positions at the end of the motion.
+        path_error: The distance from the tip to its path; None if there was no path.
         swung: The joints that swung during the motion, with their amplitudes.
     """
 
@@ -190,7 +190,7 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
 
 
 class _PathWatch:
-    """Stops a motion in front of an obstacle that has entered the rest of the path.
+    """Watcher that stops a motion in front of an obstacle that has entered the rest of the path.
 
     Whenever the scene has changed, the rest of the path is checked again, one piece per cycle. The
     first piece is longer than the stopping distance of the arm. The path must have been free when
@@ -288,7 +288,7 @@ def _make_joint_report(
 
 
 def _require_settled(result: SettlingResult, report: MoveResult | JointMoveResult) -> None:
-    """Raise an error with the report if joints still move more than their backlash explains."""
+    """Raise an error with the report if joints still move more than their backlash allows."""
     if not result.unsettled:
         return
     names = ", ".join(result.unsettled)

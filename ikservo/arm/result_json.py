@@ -114,7 +114,7 @@ def decode_fields(kind: type[T], fields: object, left_out: Mapping[str, object] 
     ``left_out`` contains the values of fields that were omitted.
 
     Raises:
-        IkservoError: A field is missing, unknown, or of another type.
+        IkservoError: A field is missing, unknown, or of the wrong type.
     """
     more = left_out or {}
     schema = _schema_of(kind, frozenset(more))
@@ -148,7 +148,7 @@ def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
     """Decode a JSON value from ``encode_value``.
 
     Raises:
-        IkservoError: The type is unknown, or a field is missing, unknown, or of another type.
+        IkservoError: The type is unknown, or a field is missing, unknown, or of the wrong type.
     """
     if isinstance(value, list):
         return [decode_value(each) for each in value]
@@ -166,7 +166,7 @@ def decode_as(kind: type[T], value: JsonValue) -> T:
     """Decode a value of one type.
 
     Raises:
-        IkservoError: The value has another type.
+        IkservoError: The value has the wrong type.
     """
     found = decode_value(value)
     if not isinstance(found, kind):

@@ -115,7 +115,7 @@ class Scene:
         Raises:
             UnknownNameError: There is no such kind.
             BadValueError: The name is taken.
-            FileFormatError: A value is missing, unknown or of another type; the message names the
+            FileFormatError: A value is missing, unknown or of the wrong type; the message names the
                 key.
             RefusedError: A motion without a plan is running.
         """
@@ -133,7 +133,7 @@ class Scene:
         Raises:
             UnknownNameError: There is no such thing.
             BadValueError: The new name is taken.
-            FileFormatError: A value is unknown or of another type; the message names the key.
+            FileFormatError: A value is unknown or of the wrong type; the message names the key.
             RefusedError: A motion without a plan is running.
         """
         other = self._find_arm(parse_name(_NAME, name))
@@ -183,7 +183,7 @@ class Scene:
         return one == another
 
     def take_over(self, before: Scene) -> None:
-        """Copy the things and other arms from an earlier scene of the same arm.
+        """Copy the things and other arms from a previous scene of the same arm.
 
         Raises:
             RefusedError: A motion is running, or an arm was opened without collision checks.

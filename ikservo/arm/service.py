@@ -39,7 +39,7 @@ class ArmDescription:
         arm: The arm's name.
         port: The port of the arm.
         zeros: The name of the ``ZeroSource`` of the joints.
-        joints: Names of all joints, in the order of vectors (n,).
+        joints: Names of all joints, in the order used in vectors (n,).
         lower: Lower limits (n,), rad or m.
         upper: Upper limits (n,), rad or m.
         chain: Names of the joints from base to tip.
@@ -65,7 +65,7 @@ class ArmDescription:
 
 
 class ServableArm(OpenArm, Protocol):
-    """An arm on a port of this process, such as an ``Arm``."""
+    """An arm whose port is open in this process, such as an ``Arm``."""
 
     @property
     def runner(self) -> MotionRunner:
@@ -74,7 +74,7 @@ class ServableArm(OpenArm, Protocol):
 
 
 class ArmService:
-    """Handles the requests of an open arm's clients; every method is safe in any thread.
+    """Handler of the requests from an open arm's clients; every method is safe in any thread.
 
     Args:
         arm: The arm.

@@ -26,10 +26,10 @@ _POLL_PERIOD_S = 0.1  # time in which a waiting sender notices the loop's end
 
 
 class SetpointMailbox:
-    """Passes the newest setpoint from the program to the control loop.
+    """Mailbox for the newest setpoint from the program to the control loop.
 
     Simulated time could run far ahead of the program. Therefore, it pauses until the next setpoint
-    of a sender with a fixed rate; for other senders, it follows real time.
+    from a sender with a fixed rate; for other senders, it follows real time.
 
     Args:
         clock: The clock of the arm.
@@ -145,7 +145,7 @@ class SetpointStream:
         """Start accepting setpoints; the arm moves from the first one on.
 
         Raises:
-            RefusedError: The stream was used before, or another one is open.
+            RefusedError: The stream has already been used, or another one is open.
         """
         if self._motion is not None:
             raise RefusedError("This stream has already been used.", "Open another: arm.stream().")
@@ -190,12 +190,12 @@ class SetpointStream:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of arrays (n,)."""
+        """Names of the joints, in the order used in arrays (n,)."""
         return self._context.servos.names
 
     @property
     def progress(self) -> MotionProgress | None:
-        """The last control cycle: measured joints, setpoints and tip; None before the first."""
+        """The last control cycle: measured positions, setpoints and tip; None before the first."""
         return self._progress
 
     @property

@@ -25,7 +25,7 @@ def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
 
 
 class StopListener:
-    """Receives stops for a bus from other programs; see ``stoppable``.
+    """Receiver of stops for a bus from other programs; see ``stoppable``.
 
     After a stop, torque cannot be switched on. Once an ``Arm`` uses the bus, this arm handles the
     requests. The simulated bus of this process has no socket, because no other program can find it.

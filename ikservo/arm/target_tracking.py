@@ -1,4 +1,4 @@
-"""Solve targets in sequence: points, poses and joints on one branch of solutions."""
+"""Solve targets in sequence: points, poses and joint positions on one branch of solutions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAX_POSITION = 1000.0
 
 
 class TargetTracker:
-    """Solves targets in sequence, each from the last solution, so that the branch is kept.
+    """Solver of targets in sequence, each from the last solution, so that the branch is kept.
 
     If a limit is in the way, the joints move as close to the target as they can.
     """
@@ -91,7 +91,7 @@ def parse_target(target: CartesianOrJointTarget, names: Sequence[str]) -> Target
 def parse_setpoint(
     setpoint: CartesianOrJointTarget, names: Sequence[str]
 ) -> Target | dict[str, float] | Matrix:
-    """Parse a setpoint of ``Arm.stream``.
+    """Parse a setpoint for ``Arm.stream``.
 
     Args:
         setpoint: Positions by joint, or of all joints (n,) [rad or m], a pose (4, 4) or a

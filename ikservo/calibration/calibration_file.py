@@ -148,7 +148,7 @@ def read_calibration(path: Path) -> Calibration:
     """Read and check a calibration file.
 
     Raises:
-        FileFormatError: The file is damaged, not a calibration or of another format.
+        FileFormatError: The file is damaged, not a calibration or in a different format.
     """
     return parse_calibration(path, read_text(path, MAX_BYTES))
 

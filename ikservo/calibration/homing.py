@@ -1,15 +1,15 @@
 """Homing offsets, which place a servo's encoder wrap-around outside the joint's range.
 
-A servo's *bare* tick is its sensor reading without the homing offset, modulo a revolution: it
+A servo's *encoder tick* is its sensor reading without the homing offset, modulo a revolution: it
 depends on how the horn is mounted and not on any register. The present position that the servo
 reports is
 
-- Feetech STS: ``present = (bare - offset) mod 4096`` with ``|offset| <= 2047``, so the offset
+- Feetech STS: ``present = (encoder - offset) mod 4096`` with ``|offset| <= 2047``, so the offset
   moves the wrap-around outside the joint's travel;
-- Dynamixel in position mode: ``present = bare + offset``. Only ``|offset| <= 1024`` takes effect;
-  it shifts the count but leaves the wrap-around at bare tick 0. Travel across the wrap-around
-  requires the extended (multi-turn) mode; the revolution is then determined again whenever the
-  arm is opened.
+- Dynamixel in position mode: ``present = encoder + offset``. Only ``|offset| <= 1024`` takes
+  effect; it shifts the count but leaves the wrap-around at encoder tick 0. Travel across the
+  wrap-around requires the extended (multi-turn) mode; the revolution is then determined again
+  whenever the arm is opened.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _MIN_CLEARANCE = 64  # preferred distance between wrap-around and travel, ticks
 
 @dataclass(frozen=True, slots=True)
 class TickRange:
-    """Range of a joint, in bare ticks unwrapped across the wrap-around."""
+    """Range of a joint, in encoder ticks unwrapped across the wrap-around."""
 
     low: int
     high: int
@@ -45,7 +45,7 @@ class Homing:
     Attributes:
         offset: The value for the homing offset register.
         extended: Whether the servo must count more than one revolution.
-        shift: Unwrapped bare tick minus reported tick.
+        shift: Unwrapped encoder tick minus reported tick.
     """
 
     offset: int
@@ -54,7 +54,7 @@ class Homing:
 
 
 def encoder_tick(family: Family, present: int, offset: int, encoder: Encoder) -> int:
-    """Compute the bare sensor tick, from a servo's present position and homing offset."""
+    """Compute the encoder tick from a servo's present position and homing offset."""
     if not encoder.wraps:
         return present
     return (present + offset if family is Family.FEETECH_STS else present - offset) % encoder.ticks
@@ -71,7 +71,7 @@ def choose_homing(
 ) -> Homing:
     """Choose the homing settings for a joint's travel; keep the present settings if possible.
 
-    The travel is in bare ticks, unwrapped. ``counts_on`` is True for a Dynamixel in multi-turn
+    The travel is in encoder ticks, unwrapped. ``counts_on`` is True for a Dynamixel in multi-turn
     mode.
 
     Raises:

@@ -97,5 +97,5 @@ def at_distance(lower: float, upper: float, unit: str) -> float:
 
 
 def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
-    """Check whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
+    """Check whether a joint is within 5° (5 mm), or 1/20 of its range if less, of a limit."""
     return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)

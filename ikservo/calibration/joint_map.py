@@ -148,7 +148,7 @@ class JointMap:
         return cls(joint, servo_id, sign, zero_tick, unit, "m", crank, horn)
 
     def with_mounting(self, sign: int, zero_tick: float) -> JointMap:
-        """Return the map of the same joint with another mounting of its servo."""
+        """Return the map of the same joint with a different mounting of its servo."""
         return replace(self, sign=sign, zero_tick=zero_tick)
 
     @property
@@ -238,7 +238,7 @@ def encoder_of(table: type[ControlTable]) -> Encoder:
 
 
 def wrapped_difference(start: int, end: int, ticks_per_turn: int) -> int:
-    """Compute the shorter signed difference of two ticks modulo ``ticks_per_turn``.
+    """Compute the shorter signed difference between two ticks modulo ``ticks_per_turn``.
 
     Half a revolution counts as negative: the result is in [-ticks_per_turn/2, ticks_per_turn/2).
     """

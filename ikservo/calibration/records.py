@@ -207,7 +207,7 @@ class Calibration(StrictModel):
         return ({"": self.camera} if self.camera else {}) | self.cameras
 
     def with_cameras(self, cameras: Mapping[str, CalibratedCamera]) -> Calibration:
-        """Return a calibration with other cameras, in the form of ``cameras_by_name``."""
+        """Return a calibration with different cameras, in the form of ``cameras_by_name``."""
         named = {name: camera for name, camera in cameras.items() if name}
         return self.model_copy(update={"camera": cameras.get(""), "cameras": named})
 
@@ -243,7 +243,7 @@ def _to_si(degrees: float | None, metres: float | None) -> float | None:
 
 
 class StoredJointMeasurement(StrictModel):
-    """Travel of one joint between its end stops, in bare encoder ticks."""
+    """Travel of one joint between its end stops, in raw encoder ticks."""
 
     name: str = Field(max_length=64, description="a joint")
     servo_id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")

@@ -141,7 +141,7 @@ def expected_registers(
 class RegisterMismatch:
     """A register that differs from its value when the arm was calibrated.
 
-    If the register is ``model``, the servo itself is of another model.
+    If the register is ``model``, the servo itself is of a different model.
     """
 
     joint: str

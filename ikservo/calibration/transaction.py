@@ -36,7 +36,7 @@ _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 
 
 class EepromChange(StrictModel):
-    """The change of one servo, with old and new raw numbers."""
+    """Registers of one servo that change, with their old and new raw values."""
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     old: _Memory = Field(description="register = raw number")
@@ -50,7 +50,7 @@ class Journal(StrictModel):
         path: The calibration file.
         old_text: The old content of the file; empty if there was none.
         new_text: The new content of the file.
-        changes: The changes by servo, in the order of writing.
+        changes: The changes by servo, in the order in which they are written.
         temporary: Whether the new numbers are only for a search for end stops, and then undone.
     """
 

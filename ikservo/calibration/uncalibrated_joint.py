@@ -21,7 +21,7 @@ class JointUnderCalibration:
         expected: The arm file's range.
         pose: The joint position in the reference pose, rad or m.
         shadow_ids: Servos that drive the joint together with the first servo.
-        known: The travel in bare ticks if it was measured before; it is then not recorded again.
+        known: The travel in encoder ticks if it was measured before; it is then not recorded again.
     """
 
     joint_map: JointMap

@@ -21,7 +21,7 @@ from ikservo.errors import ExitCode
 
 @cache
 def built_in_commands() -> Mapping[str, Command]:
-    """Return the commands of the core and the built-in apps by name, in the order of the help."""
+    """Return the commands of the core and the built-in apps by name, in the order of ``--help``."""
     return _in_order({name: each for app in built_in_apps() for name, each in app.commands.items()})
 
 
@@ -29,7 +29,7 @@ def built_in_commands() -> Mapping[str, Command]:
 def all_commands() -> Mapping[str, Command]:
     """Return the commands of all apps, other distributions included; see ``built_in_commands``.
 
-    Problems with an app of another distribution are reported once on the terminal.
+    Problems with an app from another distribution are reported once on the terminal.
     """
     apps, problems = installed_apps()
     for problem in problems:
@@ -49,7 +49,7 @@ def _in_order(commands: Mapping[str, Command]) -> Mapping[str, Command]:
 
 
 class LazyCommandGroup(TyperGroup):
-    """Imports the module of a command when that command is run.
+    """Group that imports the module of a command when that command is run.
 
     Attributes:
         prefix: The beginning of its commands' names, such as "import "; may be empty.
@@ -59,7 +59,7 @@ class LazyCommandGroup(TyperGroup):
     _listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401  # typer hides click's types
-        """List the names in the order of the help."""
+        """List the names in the order of ``--help``."""
         names = [name for name in all_commands() if name.startswith(self.prefix)]
         return [name for name in (each[len(self.prefix) :] for each in names) if " " not in name]
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 
 class Without:
-    """Names the options of a group that a command does not offer; these keep their defaults.
+    """Names of a group's options that a command does not offer; these keep their defaults.
 
     ``Annotated[MotionOptions, Without("tip")]`` is the type of the command's parameter.
     """

@@ -279,7 +279,7 @@ class PathOptions:
         """Return the constraints on the tool during the motion.
 
         Raises:
-            BadValueError: A corner is not below the other, or a number is out of its range.
+            BadValueError: The lower corner is not below the upper one, or a number is out of range.
         """
         from ikservo.planning.path_constraint import PathConstraint  # noqa: PLC0415  # as above
 

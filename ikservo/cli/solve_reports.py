@@ -160,7 +160,7 @@ def print_result(
     force_n: Vector | None = None,
     json: bool,
 ) -> None:
-    """Print joints, error, active limits and conditioning of a solution.
+    """Print joint positions, error, active limits and conditioning of a solution.
 
     With a force (3,) at the tip, the resulting joint torques are also printed.
     """

@@ -78,7 +78,7 @@ class Operator:
         Raises:
             InputError: There is neither a script nor a user; the error names options to use
                 instead.
-            CalibrationError: An answer of the script is not possible.
+            CalibrationError: An answer in the script is not possible.
             IkservoError: The errors that the dialogue raises.
         """
         answer: str | None = None
@@ -153,7 +153,7 @@ class AnswerOptions:
 
 
 class _RequestScreen:
-    """Shows requests and returns answers; the keyboard is read while a request is shown."""
+    """Screen that shows requests, reads the keyboard during a request, and returns answers."""
 
     def __init__(self, operator: Operator) -> None:
         self._script, self._interactive = operator.script, operator.interactive

@@ -21,9 +21,9 @@ from ikservo.model import Model
 
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
-    """Run the test motion of all joints if ``needs_direction_check`` says so.
+    """Run the test motion of all joints if ``needs_direction_check`` is true.
 
-    Returns whether the test ran; the arm may then be away from the start of an earlier plan.
+    Returns whether the test ran; the arm may then be away from the start of a plan made before.
 
     Raises:
         CalibrationError: A joint is not the expected one.

@@ -14,7 +14,7 @@ from ikservo.registers import Register, RegisterName
 
 
 class DriveReader:
-    """Reads duty, current and supply of the servos of some joints.
+    """Reader of duty, current and supply of the servos of some joints.
 
     Args:
         bus: The servo bus.
@@ -53,7 +53,7 @@ class DriveReader:
     def read(self) -> Matrix | None:
         """Return duty, current [A], supply [V] and position of the servos (joints, servos, 4).
 
-        Duty and current are positive towards larger positions; a current without a measured
+        Duty and current are positive towards increasing positions; a current without a measured
         direction is a magnitude. Values that are not measured are NaN, like the unused rows of
         joints with fewer servos. Other servos of a joint get the signs of its first servo.
         Positions are those of the joint, rad or m, from its first servo. Returns None if a reply is

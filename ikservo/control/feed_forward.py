@@ -33,7 +33,7 @@ _TINY_NM = 1e-6  # smallest dry friction that is used, because weights are divid
 
 
 class FeedForward:
-    """Computes the lead of goals over an arm's reference, without side effects.
+    """Computation of the lead of goals over an arm's reference, without side effects.
 
     Args:
         parameters: The parameters of the arm; joints without a drive have no offset.

@@ -39,7 +39,7 @@ _RATE_FILTER_S = 0.03  # time in which the speed of a motion seems to change whe
 
 
 class GoalCompensator:
-    """Converts the references of an arm's joints to goals for their servos.
+    """Converter from the references of an arm's joints to goals for their servos.
 
     The goal of a joint is its reference plus an offset: the feed-forward, the feedback of the
     joint's error, and, at the beginning of a motion, the difference to the previous offset, which

@@ -37,7 +37,7 @@ _NUMBERS = (
 
 
 class HealthPoller:
-    """Reads the telemetry of one servo after another for the guard's health monitor.
+    """Reader of one servo's telemetry after another, for the guard's health monitor.
 
     Alarms are part of every reply and are checked in every cycle.
 

@@ -28,7 +28,7 @@ def read_register(bus: ServoBus, servo_ids: Iterable[int], name: RegisterName) -
     """Read a raw register of every servo.
 
     Raises:
-        BusError: Servos do not reply in any attempt; all of them are named.
+        BusError: Servos do not reply to any attempt; all of them are named.
     """
     rows = read_registers(bus, dict.fromkeys(servo_ids, (name,)))
     return {servo_id: row[name] for servo_id, row in rows.items()}
@@ -40,7 +40,7 @@ def read_registers(
     """Read raw registers, which may differ between servos.
 
     Raises:
-        BusError: Servos do not reply in any attempt; all of them are named.
+        BusError: Servos do not reply to any attempt; all of them are named.
     """
     known: dict[int, Mapping[_Key, int]] = {}
     for attempt in range(1, _ATTEMPTS + 1):
@@ -73,7 +73,7 @@ _MAX_LOST = 3  # number of consecutive cycles
 
 
 class Feedback:
-    """Reads the joint positions.
+    """Reader of the joint positions.
 
     Args:
         bus: The servo bus.
@@ -105,7 +105,7 @@ class Feedback:
         """Read every joint's tick (n,).
 
         Raises:
-            BusError: A servo does not reply in any attempt.
+            BusError: A servo does not reply to any attempt.
         """
         ticks = read_register(self._bus, self._ids, RegisterName.PRESENT_POSITION)
         self._last |= ticks
@@ -116,7 +116,7 @@ class Feedback:
         """Read the joint positions (n,), rad or m.
 
         Raises:
-            BusError: A servo does not reply in any attempt.
+            BusError: A servo does not reply to any attempt.
         """
         self.measure_ticks()
         return self._latest_positions()

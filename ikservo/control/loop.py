@@ -56,7 +56,7 @@ def measure_cycle_time_s(servos: ServoGroup) -> float:
 
 
 class TimeScaler:
-    """Converts clock time to the time of a motion.
+    """Converter from clock time to the time of a motion.
 
     A motion whose time passes more slowly stays on its path and inside every limit. Motions brake
     in this way, and they restart in this way after a delay of the program.
@@ -140,10 +140,10 @@ _RETURN_S = 0.5
 
 
 class SetpointSampler:
-    """Samples the positions of a trajectory while its time advances.
+    """Sampler of a trajectory's positions while its time advances.
 
     After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
-    stopped joints back to its position; then it continues.
+    stopped positions back to its own; then it continues.
 
     Attributes:
         time_s: The time of the trajectory.
@@ -182,7 +182,7 @@ OnCycle = Callable[[ControlCycle], None]
 
 
 class ControlLoop:
-    """Streams trajectories to the servos of one arm.
+    """Loop that streams trajectories to the servos of one arm.
 
     Args:
         servos: The servos, torque on.

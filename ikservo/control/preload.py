@@ -14,7 +14,7 @@ _MAX_S = 0.2  # longest wait before a motion; 1° of backlash of an STS3215 take
 
 
 class Preload:
-    """Leads the goals of resting joints until their rotors have crossed the backlash of the gears.
+    """Lead of resting joints' goals until their rotors have crossed the backlash of the gears.
 
     Without preload, rotors cross the backlash at the beginning of the motion: arms with 1.7° of
     backlash started 7 mm off their lines, and swung.

@@ -9,7 +9,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 class ReversalCounter:
-    """Counts reversals of errors in quick succession, which are frequent while a joint swings.
+    """Counter of error reversals in quick succession, which are frequent while a joint swings.
 
     Args:
         least: Smallest reversal (n,) that counts, rad or m; smaller reversals are noise and

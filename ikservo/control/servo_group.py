@@ -65,7 +65,7 @@ class ServoGroup(StreamedServos):
         driven_joints: The joints, each with its servo, limits and speed.
         shadows: Ids of the additional servos of joints, by joint.
         clock: The clock of the bus.
-        health: The limits of temperature, load and supply.
+        health: The limits on temperature, load and supply.
         gripper: The joint that may hold something, with a limited force.
     """
 
@@ -418,7 +418,7 @@ def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
     """Read goals back before torque comes on, because a stale goal would make a joint jump.
 
     Raises:
-        ServoRejectedError: A servo keeps another goal; torque stays off.
+        ServoRejectedError: A servo still holds a different goal; torque stays off.
     """
     goals = read_register(bus, expected, RegisterName.GOAL_POSITION)
     for servo_id, goal in goals.items():

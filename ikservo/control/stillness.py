@@ -14,11 +14,11 @@ _READINGS = 3  # two readings of a hand that moves may agree by chance
 
 @dataclass(frozen=True, slots=True)
 class StillnessDetector:
-    """Detects rest from recent positions by servo or joint: unwrapped ticks, rad or m.
+    """Detector of rest from recent positions by servo or joint: unwrapped ticks, rad or m.
 
     Attributes:
         window_s: Time during which nothing may move.
-        tolerance: The largest variation of positions that counts as rest.
+        tolerance: The maximum variation of positions that counts as rest.
         least_readings: Minimum number of readings before rest can be detected.
         readings: Times and positions within the window, and the last reading before the window.
     """

@@ -252,7 +252,7 @@ _watched_stops: list[tuple[StopRequest, Callable[[], bool]]] = []
 
 
 def stop_on_signals(stop_request: StopRequest, running: Callable[[], bool]) -> None:
-    """Stop a motion of another thread on Ctrl-C, SIGTERM and SIGHUP, which also end the program.
+    """On Ctrl-C, SIGTERM and SIGHUP, stop a motion that runs in another thread, and exit.
 
     Once no such motion runs, signals have their default effect again. The program's own handlers
     are kept; only the main thread can set handlers.

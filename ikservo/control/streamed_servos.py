@@ -55,7 +55,7 @@ _KEPT_WARNINGS = 50  # number of the latest warnings that are kept
 
 
 class StreamedServos:
-    """Reads joints and sends goals through the guard; ``ServoGroup`` adds actions at rest.
+    """Reader of joints and sender of goals via the guard; ``ServoGroup`` adds actions at rest.
 
     Args:
         bus: The servo bus.
@@ -63,7 +63,7 @@ class StreamedServos:
         clock: The clock of the bus.
 
     Attributes:
-        names: Names of the joints, in the order of vectors (n,).
+        names: Names of the joints, in the order used in vectors (n,).
         stop_request: The request to end the running motion, if there is one.
         torque: Whether the servos hold, and whether a control loop is running.
         restarts: Number of times in this motion that the servos were started again after their
@@ -139,7 +139,7 @@ class StreamedServos:
     def refresh_reference(self) -> Vector:
         """Measure the joints at rest; move the reference of a joint that is far from its reference.
 
-        When torque is switched on, a limp arm sags by the amount that its load explains. The
+        When torque is switched on, a limp arm sags as far as its load and friction predict. The
         reference is then not moved, and the next motion begins by lifting the arm.
 
         Returns:

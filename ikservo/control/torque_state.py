@@ -44,7 +44,7 @@ class TorqueStateMachine:
 
     The thread that holds the runner's lock makes transitions; signals and other threads only read.
     The state machine also remembers that a first motion is due: a fault makes the state UNKNOWN but
-    completes no motion, so that the next motion is still slow.
+    completes no motion, so the next motion is still slow.
     """
 
     def __init__(self) -> None:

@@ -44,7 +44,7 @@ _MAX_STEP_S = 0.02  # a late cycle counts as at most this long: goals must not j
 
 
 class TrackingFeedback:
-    """Computes the change of goals from the error of joints relative to their reference.
+    """Computation of the change of goals from the joints' errors relative to their reference.
 
     ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error. This sum
     and its rate of change are bounded, and the sum fades if a joint swings. The integral is a load

@@ -54,7 +54,7 @@ def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Regi
 
 
 def read_torque_share(bus: ServoBus, servo_id: int) -> float:
-    """Read the largest fraction of its torque that a servo's present limits allow.
+    """Read the maximum fraction of its torque that a servo's present limits allow.
 
     Raises:
         BusError: The servo does not answer.

@@ -249,7 +249,7 @@ def _check_svg(path: Path, text: str) -> None:
 
 
 class _SvgCost:
-    """Counts the elements and numbers of an SVG; elements that a <use> copies count once per use.
+    """Count of an SVG's elements and numbers; elements that a <use> copies count once per use.
 
     svgelements copies inherited attributes and style declarations to each element.
     """

@@ -36,7 +36,7 @@ _DEEPER_AT_END_M = 1e-6  # a smaller value at the end, because many short motion
 
 
 class CollisionChecker:
-    """Checks postures and paths for collisions.
+    """Checker of postures and paths for collisions.
 
     Args:
         body: The arm's capsules; if its vectors end with the gripper's joint, the jaws are
@@ -93,7 +93,7 @@ class CollisionChecker:
     def in_scene(
         self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None
     ) -> CollisionChecker:
-        """Return a checker of this arm with another body and other obstacles."""
+        """Return a checker of this arm with a different body and different obstacles."""
         other = CollisionChecker(body, self.floor_m, boxes, sag)
         other.bends = self.bends
         return other

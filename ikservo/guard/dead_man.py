@@ -9,7 +9,7 @@ DEAD_MAN_TIMEOUT_S = 0.3
 
 
 class DeadManSwitch:
-    """Checks whether the last command from a client is too old to continue a motion."""
+    """Check of whether the last command from a client is too old to continue a motion."""
 
     def __init__(self, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> None:
         self._timeout_s = timeout_s

@@ -17,7 +17,7 @@ _ERROR_FRACTION = 0.9
 
 
 class TrackingMonitor:
-    """Counts the cycles in which a joint's following error exceeds its limit (n,), rad or m."""
+    """Count of the cycles in which a joint's following error exceeds its limit (n,), rad or m."""
 
     def __init__(self, names: Sequence[str], max_error: Vector) -> None:
         self._names, self._max_error = list(names), max_error

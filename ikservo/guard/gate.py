@@ -59,9 +59,9 @@ class StopReason:
 
 
 class StopLatch:
-    """Holds the reason of a stop until it is acknowledged.
+    """Reason for a stop, held until the stop is acknowledged.
 
-    Latching a stop is one assignment, so that a signal or another thread may do it at any time.
+    Latching a stop is one assignment, so a signal or another thread may do it at any time.
     """
 
     def __init__(self) -> None:
@@ -100,7 +100,7 @@ class PassedGoals:
 
 
 class Gate:
-    """Passes commands that satisfy all checks, and refuses other commands as a whole.
+    """Gate that passes commands that satisfy all checks, and refuses other commands as a whole.
 
     A command consists of goal ticks for some of the joints. It passes if every goal is inside its
     joint's limits, no goal exceeds its joint's top speed, and no goal leads the measured joint by

@@ -18,7 +18,7 @@ _EASE_FROM = 0.75
 class RateLimiter:
     """The step limit of one joint's goals.
 
-    Goals are integer ticks, so that a step may be up to one tick longer than the speed allows; the
+    Goals are integer ticks, so a step may be up to one tick longer than the speed allows; the
     next steps are shortened by this excess, because many small steps would otherwise be too fast.
 
     Args:
@@ -42,7 +42,7 @@ class RateLimiter:
 
 
 class JointGate:
-    """Checks the goals of one joint against its limits, its last goal and its last measurement.
+    """Check of one joint's goals against its limits, its last goal and its last measurement.
 
     A goal's *lead* is its distance from the measured joint. A goal with a lead of more than
     `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or between the present

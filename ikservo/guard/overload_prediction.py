@@ -73,7 +73,7 @@ class _Pressing:
 
 
 class OverloadMonitor:
-    """Predicts from goals and positions when a servo will protect itself.
+    """Predictor, from goals and positions, of the time when a servo will protect itself.
 
     The duty of a position loop is ``kp (goal - position)``, which is known one cycle before a
     reading could show it; load readings are also used if there are any.
@@ -170,7 +170,7 @@ class OverloadMonitor:
         return drawn
 
     def relaxed_goals(self, goals: TickRow, ticks: TickRow) -> list[int | None]:
-        """Return goals nearer to the measured ticks for joints that press too hard after a motion.
+        """Return goals moved towards the ticks for joints that press too hard after a motion.
 
         A goal that is already near enough is left out. No goal is moved away from the measured
         tick, because causes other than the lag, such as an I gain, may add to the measured load.

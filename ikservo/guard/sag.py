@@ -75,9 +75,9 @@ class GravitySag:
 
 
 def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
-    """Return the sag of an arm with its gripper under its weight.
+    """Return the sag of an arm and its gripper under their weight.
 
-    Everything that the arm holds counts together as the largest payload.
+    The held things are assumed to weigh ``payload_kg`` together.
     """
     chain = body.chain
     masses = link_masses(model, chain)

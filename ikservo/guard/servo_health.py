@@ -12,7 +12,7 @@ from ikservo.registers import Alarm
 
 
 class CommunicationMonitor:
-    """Counts consecutive cycles without a servo's reply; after ``max_lost``, raises an error."""
+    """Count of consecutive cycles without a servo's reply; after ``max_lost``, raises an error."""
 
     def __init__(self, names: Sequence[str], max_lost: int = 3) -> None:
         self._row = dict.fromkeys(names, 0)
@@ -101,7 +101,7 @@ class _Heating:
 
 
 class HealthMonitor:
-    """Checks telemetry for warnings and for reasons to hold.
+    """Check of telemetry for warnings and for reasons to hold.
 
     Args:
         limits: The limits of the arm file.

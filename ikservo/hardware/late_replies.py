@@ -51,7 +51,7 @@ class LineHealth:
 
 
 class ByteRateCheck:
-    """Counts the reply bytes that can have arrived; any more bytes are older than the request.
+    """Count of the reply bytes that can have arrived; any more bytes are older than the request.
 
     Some lines are faster than their baud rate (a socket, a bridge, a pseudo-terminal). The limit
     therefore applies only after several replies have kept it, until a reply is missed.
@@ -98,7 +98,7 @@ class _ReceivedReply:
 
 
 class PendingReplies:
-    """Records which replies may still arrive from each servo on one line."""
+    """Record of the replies that may still arrive from each servo on one line."""
 
     def __init__(self) -> None:
         self._pending: dict[int, list[tuple[int, float]]] = {}  # by servo id: size and expiry time

@@ -62,7 +62,7 @@ def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
 
 
 class _RecordedTransport:
-    """Wraps a transport, and writes the bytes that it sends and receives to a file.
+    """Wrapper around a transport that writes the bytes that it sends and receives to a file.
 
     Each block is one write at the end of the file, so that several programs may share it and
     nothing is lost if one is killed. A full disk ends the recording; the motion continues.

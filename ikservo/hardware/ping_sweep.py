@@ -1,6 +1,6 @@
 """Ping all ids at one baud rate, in every known framing.
 
-Feetech servos and Dynamixel protocol 1.0 use the same framing, so that one ping finds both;
+Feetech servos and Dynamixel protocol 1.0 use the same framing, so one ping finds both;
 protocol 2.0 has its own framing.
 
 A reply contains the servo's id, so the next ping can be sent as soon as the wire is free; a reply
@@ -23,7 +23,7 @@ _PING = 0x01
 
 
 class _PacketScanner(Protocol):
-    """Encodes pings and decodes replies of one framing."""
+    """Encoder of pings and decoder of replies, in one framing."""
 
     def ping(self, servo_id: int) -> bytes: ...
     def scan(self, data: bytes, *, final: bool) -> ScanResult: ...
@@ -108,7 +108,7 @@ class PingResults:
     """Replies to pings.
 
     Attributes:
-        frames: Every reply by id, in the order of arrival.
+        frames: Every reply by id, in order of arrival.
         suspects: Ids in whose slots invalid bytes arrived: two servos replied at once, or noise.
         junk: The number of invalid bytes.
         echoes: Whether the adapter returns the bytes that it sends.
@@ -165,7 +165,7 @@ def ping_slot_s(port: Port, framing: Framing) -> float:
 
 
 class _ScanReceiver:
-    """Finds the replies in the received bytes; assigns invalid bytes to the pinged ids."""
+    """Parser of replies in the received bytes; assigns invalid bytes to the pinged ids."""
 
     def __init__(self, framing: Framing) -> None:
         self._codec = framing.make_scanner()

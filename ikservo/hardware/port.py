@@ -320,7 +320,7 @@ class Port(SdkPort):
 
 
 class _ClosedTransport:
-    """Replaces the transport in a closed port object, because other objects may still use it."""
+    """Transport of a closed port object, which other objects may still use."""
 
     def __getattr__(self, name: str) -> NoReturn:
         raise OSError(errno.EBADF, "closed")
@@ -330,7 +330,7 @@ class _ClosedTransport:
 
 
 class _ForeignTransport(_ClosedTransport):
-    """Replaces the parent process's transport in a forked child, without closing the original."""
+    """Transport of a forked child in place of its parent's, which it does not close."""
 
     def __init__(self, transport: object) -> None:
         vars(self)["_transport"] = transport

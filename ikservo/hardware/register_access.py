@@ -24,7 +24,7 @@ another revolution and would turn all the way back.
 
 
 class StopListening(Protocol):
-    """Receives the stops that other programs send to a bus."""
+    """Receiver of the stops that other programs send to a bus."""
 
     def check_may_move(self) -> None:
         """Raise ``StoppedError`` if another program has stopped this one."""
@@ -309,7 +309,7 @@ class RegisterAccess:
         Torque is read if it is not known to be on.
 
         Raises:
-            RegisterAccessError: Torque is off, and is not being switched on at the goal position.
+            RegisterAccessError: Torque is off, or is being switched on far from the goal position.
             BusError: The torque is not known, and the servo does not reply.
         """
         if servo.id in self._torque_on or not is_goal(servo, register):

@@ -19,7 +19,7 @@ _PROBE_PERIOD_S = 0.25
 
 
 class SilenceBackoff:
-    """Decides in which cycles a silent servo in a group read is read.
+    """Schedule of the cycles in which a group read includes a silent servo.
 
     A servo that has not replied three times in succession is read every quarter of a second until
     it replies; in between, its last fault is reported again.
@@ -128,7 +128,7 @@ _NO_FAULT: frozenset[Alarm] = frozenset()
 
 
 class Requester:
-    """Sends requests to the servos of one port, in their protocols.
+    """Sender of requests to the servos of one port, in their protocols.
 
     Attributes:
         port: The port.

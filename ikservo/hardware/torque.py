@@ -21,7 +21,7 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
 
     Raises:
         ServoAlarmError: The supply voltage is outside the servo's limits.
-        RefusedError: The servo is far outside its limits or in another mode; torque stays off.
+        RefusedError: The servo is far outside its limits or in a different mode; torque stays off.
         BusError: The servo does not reply, or does not accept the goal.
     """
     check_supply_voltage(bus, servo_id)
@@ -41,7 +41,7 @@ def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int
     """Check a goal that was read back, before torque is switched on.
 
     Raises:
-        ServoRejectedError: The servo keeps another goal.
+        ServoRejectedError: The servo still holds a different goal.
     """
     if kept_tick != goal_tick:
         raise ServoRejectedError(

@@ -75,7 +75,7 @@ def has_descriptor(port: object) -> bool:
 
 
 class FileDescriptorPort:
-    """Reads and writes a port through its file descriptor; pyserial opens and closes the port.
+    """Reader and writer of a port's file descriptor; pyserial opens and closes the port.
 
     Attributes:
         timeout: The time that ``read`` waits, seconds.

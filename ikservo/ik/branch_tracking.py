@@ -62,8 +62,8 @@ class BranchMemory:
     """Memory of the posture that a path had before its target went out of reach.
 
     When its target is out of reach, an arm stretches until it is straight, and could then bend to
-    either side. When a target is in reach again, the search therefore starts from joints slightly
-    bent towards the last joints that reached a target.
+    either side. When a target is in reach again, the search therefore starts from positions
+    slightly bent towards the last ones that reached a target.
 
     Args:
         dof: Number of joints.
@@ -110,7 +110,7 @@ class Solver:
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
         frame: The link to move to the target; the tip if None.
         offset_m: The point (3,) on that link, metres; the link's origin if None.
-        tolerance: The largest errors of a reached target; not used if ``options`` are given.
+        tolerance: The maximum errors of a reached target; not used if ``options`` are given.
         options: Tolerance, search limits and priorities.
 
     Raises:
@@ -187,7 +187,7 @@ class Solver:
     def track(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
     ) -> tuple[Vector, bool]:
-        """Compute the joints on the branch of ``q0``, and whether they reach the target.
+        """Compute the joint positions on the branch of ``q0``, and whether they reach the target.
 
         Arguments and errors are those of a call; ``result`` names any limit that blocks.
         """

@@ -188,8 +188,8 @@ def closest_solution(
     """Find joints (dof,) that come closest to an unreachable target, if a closed form gives them.
 
     A planar arm moves its tip to the reachable point nearest the target. An arm whose wrist cannot
-    help reaches the point and rotates the tool as far as the limits allow. The best joints are
-    among the returned joints; all are inside the limits.
+    help reaches the point and rotates the tool as far as the limits allow. The best solution is
+    among the returned ones; all are inside the limits.
     """
     arm, start = recognise_structure(chain, target.frame), initial_joints(chain, q0)
     if arm is None or not arm.is_exact:

@@ -169,7 +169,7 @@ class AnalyticProblem:
                 yield self.candidate(yaw_rad, inside, roll_rad)
 
     def candidate(self, yaw_rad: float, angles: Angles, roll_rad: float) -> Candidate:
-        """Return the joints for yaw, planar angles and roll, and their orientation error."""
+        """Return the joint positions for yaw, planar angles and roll, with orientation error."""
         alpha = sum(angles)
         misses = (aim.angle_error(yaw_rad, roll_rad, alpha) for aim in self.aims)
         return Candidate(self.joints(yaw_rad, angles, (roll_rad,)), max(misses, default=0.0))

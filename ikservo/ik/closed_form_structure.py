@@ -158,7 +158,7 @@ _structure_cache: WeakKeyDictionary[Chain, dict[str | None, ArmStructure | None]
 
 
 def _assemble_structure(joints: tuple[RevoluteAxis, ...], tool: Matrix) -> ArmStructure | None:
-    """Return yaw, parallel links and wrist of the joints; None if they are in another order."""
+    """Return yaw, parallel links and wrist of the joints; None if they are in a different order."""
     if len(joints) < 2:
         return None
     first = 0 if _are_parallel(joints[0], joints[1]) else 1

@@ -1,7 +1,7 @@
 """Targets for an arm that sags under its weight, raised by the sag of the tip at the target.
 
 Kernels solve rigid arms. A rigid arm must go to the target's pose minus the displacement by the
-sag. Each new solution changes this displacement by about a tenth, so that the displacement
+sag. Each new solution changes this displacement by about a tenth, so the displacement
 converges after a few solutions.
 """
 

@@ -124,7 +124,7 @@ def scale_step(step: Vector) -> Vector:
 
 
 def backtrack(task: ResidualFunction, current: Linearisation, step: Vector) -> Linearisation:
-    """Take the step (dof,) or its largest half, quarter, … that does not increase the error."""
+    """Take the step (dof,), halved until the error does not increase; stay if it always does."""
     for _ in range(_HALVINGS):
         moved = task.linearise(task.chain.clip(current.q + step))
         if moved.cost <= current.cost:

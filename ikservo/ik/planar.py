@@ -1,6 +1,6 @@
 """Planar chains with two or three joints, and the intervals of their tool direction.
 
-Points of the plane are complex numbers, so that a rotation by θ is a factor e^{iθ}. A link ``l`` is
+Points of the plane are complex numbers, so a rotation by θ is a factor e^{iθ}. A link ``l`` is
 the vector to the next joint, or to the tip, while all joints are zero; it may be bent, as the
 upper arm of most real arms is. The tip is at ``e^{iθ1} (l1 + e^{iθ2} (l2 + e^{iθ3} l3))``.
 

@@ -211,7 +211,7 @@ _MAX_COUNT = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """The largest errors with which a target counts as reached.
+    """The maximum errors with which a target counts as reached.
 
     Raises:
         BadValueError: A value is not a number above 0.
@@ -243,7 +243,7 @@ class Options:
     """The options for all methods.
 
     Attributes:
-        tolerance: The largest errors with which a target counts as reached.
+        tolerance: The maximum errors with which a target counts as reached.
         restarts: Maximum number of starting points, the given start first; the Jacobian methods use
             only the given start.
         max_iterations: Maximum steps from one start; None uses the method's default.

@@ -95,7 +95,7 @@ class Result:
         binding: The limits that keep the arm from the target; empty if it is reached.
         iterations: Number of steps, including restarts.
         nearest_m: The point at ``q`` (3,), metres, base frame.
-        method: Name of the method that found the joints.
+        method: Name of the method that found the joint positions.
         trace: Every iterate (dof,), the start first, if requested.
         question: The solved problem; None for results of a prepared solver.
     """

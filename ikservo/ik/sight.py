@@ -44,7 +44,7 @@ class Sight:
 
 
 def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike) -> Sight:
-    """Find joints inside the limits, near ``q0``, that point the tip's axis at a point.
+    """Find joint positions inside the limits, near ``q0``, that point the tip's axis at a point.
 
     The line of sight acts as one more joint, which slides along the axis; the arm reaches the point
     with the end of this joint.

@@ -114,7 +114,7 @@ def solve(
             the model, where ``ikservo solve`` begins, or the middle of the ranges of a chain, which
             has no poses.
         method: ``auto`` or one of ``METHODS``.
-        tolerance: The largest errors with which the target counts as reached.
+        tolerance: The maximum errors with which the target counts as reached.
         restarts: Maximum number of starting points, the given start first.
         max_iterations: Maximum steps from one start; None uses the method's default.
         posture: A preferred configuration if the target leaves freedom (``auto`` and

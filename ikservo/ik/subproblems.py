@@ -2,14 +2,14 @@
 
 The plane is a (3, 3) ``frame`` with rows e1, e2, n. A vector has a component *along* the plane, e1
 + i e2, and a component *across* it, n. Rotating the parallel joints never changes the component
-across, so that yaw and roll can be found before these joints.
+across, so yaw and roll can be found before these joints.
 
 The yaw φ and the roll ψ must satisfy two equations::
 
         M(φ) = w(ψ)     the target point and the tool point are equally far across the plane
         d(φ) = a(ψ)     the target direction and the tool axis have equal parts across it
 
-Both sides are linear in cos and sin, so that eliminating φ leaves an equation of fourth degree
+Both sides are linear in cos and sin, so eliminating φ leaves an equation of fourth degree
 in e^{iψ}.
 """
 
@@ -242,7 +242,7 @@ _NO_EULER_ANGLE = 1e-9
 
 
 class EulerAngles:
-    """Finds α, β, γ with ``R = Ra(α) Rb(β) Rc(γ)`` for unit axes a, b, c (3,) at zero."""
+    """Solver for α, β, γ with ``R = Ra(α) Rb(β) Rc(γ)`` for unit axes a, b, c (3,) at zero."""
 
     def __init__(self, a: Vector, b: Vector, c: Vector) -> None:
         self._a, self._b, self._c = a, b, c

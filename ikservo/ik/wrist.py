@@ -84,7 +84,7 @@ _ROLLS = (0.5, 0.25, 0.75, 0.0, 1.0, 0.125, 0.375, 0.625, 0.875)
 
 
 def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
-    """Return the joints that reach the point, with the wrist in its start position.
+    """Return the joint positions that reach the point, with the wrist in its start position.
 
     The tool is rotated as near to the aims as the point allows. If the point cannot be reached with
     the roll of the start, the first of a few other rolls with which it can be reached is used.
@@ -99,7 +99,7 @@ def solve_position(problem: AnalyticProblem) -> tuple[Candidate, ...]:
 
 
 def solve_direction(problem: AnalyticProblem) -> Iterator[Candidate]:
-    """Yield the joints that reach the point, and that meet the aims as well as possible.
+    """Yield the joint positions that reach the point, and that meet the aims as well as possible.
 
     Without a roll, or with a roll that does not move the point, point and aims are over-determined:
     the error of the candidates shows whether the two happen to agree.

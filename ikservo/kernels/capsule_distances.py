@@ -1,7 +1,7 @@
 """Minimum distances, compiled, between the capsules of an arm and its surroundings.
 
-Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so
-that a stream of goals can be checked in real time. The distances equal those of
+Scalar arithmetic on preallocated arrays: one posture takes some hundredths of a millisecond, so a
+stream of goals can be checked in real time. The distances equal those of
 ``kinematics.collision_body``; a test compares both.
 """
 
@@ -241,7 +241,7 @@ def _compose_pose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int)
 
 
 def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> None:
-    """Rotate or translate row ``i`` by its joint's value, in its own axes (Rodrigues)."""
+    """Rotate or translate row ``i`` by its joint's value, about its local axes (Rodrigues)."""
     ax, ay, az = links[i, AXIS], links[i, AXIS + 1], links[i, AXIS + 2]
     if links[i, IS_PRISMATIC] == 1.0:
         for r in range(3):
@@ -280,7 +280,7 @@ def place_capsule(capsules: Matrix, i: int, places: Matrix, ends: Matrix) -> Non
 
 
 def segment_distance(ends: Matrix, i: int, j: int) -> float:
-    """Compute the distance of two segments; see ``kinematics.capsules.segment_distance``."""
+    """Compute the distance between two segments; see ``kinematics.capsules.segment_distance``."""
     a = e = b = c = f = 0.0
     for k in range(3):
         d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]
@@ -300,7 +300,7 @@ def segment_distance(ends: Matrix, i: int, j: int) -> float:
 
 
 def segment_shape_distance(ends: Matrix, i: int, shapes: Matrix, b: int) -> float:
-    """Compute the distance of a segment from a shape; 0 or less if it enters the shape.
+    """Compute the distance from a segment to a shape; 0 or less if it enters the shape.
 
     The squared distance from a box is convex along the segment, and its slope is linear between the
     planes of the faces: the minimum is exact. The squared distance from a cylinder is convex, too.
@@ -320,7 +320,7 @@ def segment_shape_distance(ends: Matrix, i: int, shapes: Matrix, b: int) -> floa
 
 
 def point_shape_distance(x: float, y: float, z: float, shapes: Matrix, b: int) -> float:
-    """Compute the distance of a point (base frame) from a shape; 0 or less inside the shape."""
+    """Compute the distance from a point (base frame) to a shape; 0 or less inside the shape."""
     x, y, z = x - shapes[b, CENTRE], y - shapes[b, CENTRE + 1], z - shapes[b, CENTRE + 2]
     u = x * shapes[b, 0] + y * shapes[b, 3] + z * shapes[b, 6]
     v = x * shapes[b, 1] + y * shapes[b, 4] + z * shapes[b, 7]

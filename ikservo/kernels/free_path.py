@@ -343,7 +343,7 @@ def _free_of_shapes(
 
 
 def _box_distance2(boxes: Matrix, b: int, x: float, y: float, z: float) -> float:
-    """Compute the squared distance of a point from the box around an obstacle."""
+    """Compute the squared distance from a point to the box around an obstacle."""
     u = max(abs(x - boxes[0, b]) - boxes[3, b], 0.0)
     v = max(abs(y - boxes[1, b]) - boxes[4, b], 0.0)
     w = max(abs(z - boxes[2, b]) - boxes[5, b], 0.0)

@@ -1,4 +1,4 @@
-"""Descent of the orientation error in the null space of the position."""
+"""Minimisation of the orientation error in the null space of the position task."""
 
 from __future__ import annotations
 

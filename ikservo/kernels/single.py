@@ -1,4 +1,4 @@
-"""One target at a time, from a pose to joints: the kernel that ``Solver`` calls in a loop."""
+"""One target at a time, from pose to joint positions: the kernel that ``Solver`` calls."""
 
 from __future__ import annotations
 

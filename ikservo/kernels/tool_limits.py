@@ -81,7 +81,7 @@ def project_tool(
         joints: The joints (n,) at the start, replaced by the joints that were found.
 
     Returns:
-        Whether the found joints keep the limits.
+        Whether the found positions keep the limits.
     """
     n = int(arm[0, DOF])
     for j in range(n):

@@ -121,7 +121,7 @@ class Chain:
             raise UnknownNameError("link", str(frame), self._paths) from None
 
     def with_limits(self, lower: ArrayLike, upper: ArrayLike) -> Chain:
-        """Return the same chain with other limits, (dof,) each, rad or m.
+        """Return the same chain with different limits, (dof,) each, rad or m.
 
         Raises:
             BadValueError: A limit is not a number, a lower limit is above the upper one, a shape is
@@ -170,7 +170,7 @@ class Chain:
         return replace(self, _paths={**self._paths, name: path})
 
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
-        """Return the same chain with other origins ``T_parent_joint`` (4, 4) of some joints.
+        """Return the same chain with different origins ``T_parent_joint`` (4, 4) of some joints.
 
         Raises:
             UnknownNameError: The arm has no joint with that name.
@@ -283,7 +283,7 @@ class Chain:
         return poses
 
     def _links(self, q: ArrayLike) -> Vector:
-        """Compute the link joints (dof,) or (n, dof) from the joints that the sensors measure."""
+        """Compute the link joints' positions (dof,) or (n, dof) from the measured positions."""
         joints = finite_vectors(q, self.dof, "q")
         return joints if self.link_joints is None else self.link_joints(joints)
 
@@ -344,7 +344,7 @@ def joint_torques(
         offset_m: The point (3,) in that link's coordinates, metres; the link's origin if None.
 
     Returns:
-        tau (dof,): newton metres, newtons for a prismatic joint; positive towards larger q.
+        tau (dof,): newton metres, newtons for a prismatic joint; positive towards increasing q.
 
     Raises:
         BadValueError: A shape is wrong or a number is not finite.

@@ -31,7 +31,7 @@ def manipulability(J: Matrix) -> Vector:
 
 
 def distance_to_limits(chain: Chain, q: ArrayLike) -> Vector:
-    """Return the distance (dof,) or (n, dof) of each joint to its nearer limit, rad or m.
+    """Return the distance (dof,) or (n, dof) from each joint to its nearer limit, rad or m.
 
     It is negative outside the limits, and infinite for a continuous joint.
     """

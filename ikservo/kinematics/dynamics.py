@@ -53,8 +53,8 @@ class Dynamics:
 
     ``q`` is (dof,) as for the chain, in rad or in m for prismatic joints; ``qd`` and ``qdd`` are
     its time derivatives in rad/s and rad/s² (m/s, m/s²). Each method takes one sample (dof,) or
-    many (n, dof). Torques are N m (N for prismatic joints), positive towards larger q. Friction and
-    the inertia of the servos' rotors are not included.
+    many (n, dof). Torques are N m (N for prismatic joints), positive towards increasing q. Friction
+    and the inertia of the servos' rotors are not included.
 
     Attributes:
         chain: The joints of q; a payload is fixed to its tip.
@@ -112,7 +112,7 @@ class Dynamics:
         return self._tree.names
 
     def with_parameters(self, parameters: ArrayLike) -> Dynamics:
-        """Return the same arm with other, for example identified, parameters (10 bodies,).
+        """Return the same arm with different, for example identified, parameters (10 bodies,).
 
         The parameters need not be possible for real bodies: base parameters alone give the right
         torques.

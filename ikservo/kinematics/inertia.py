@@ -87,7 +87,7 @@ def pseudo_inertias(parameters: Vector) -> Matrix:
 
 
 def _basis() -> Matrix:
-    """Compute the derivatives (10, 4, 4) of the pseudo-inertia matrix by the parameters."""
+    """Compute the pseudo-inertia matrix's derivatives (10, 4, 4) with respect to its parameters."""
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
     for i in range(3):

@@ -18,7 +18,7 @@ class JointIndex:
     """Meaning of each column in a vector of all joints (n,).
 
     Attributes:
-        names: Names of all joints, in the order of vectors (n,).
+        names: Names of all joints, in the order used in vectors (n,).
         chain: The columns of the chain's joints (dof,), base to tip.
         body: The columns that move the collision body: the chain's, then the gripper's if the body
             includes it.
@@ -73,7 +73,7 @@ class JointIndex:
         return replaced
 
     def with_position(self, joints: Vector, joint: str, position: float) -> Vector:
-        """Return all joints (n,) with one joint at another position.
+        """Return all joints (n,) with one joint at a different position.
 
         Raises:
             UnknownNameError: There is no such joint.

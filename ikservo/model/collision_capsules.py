@@ -74,7 +74,7 @@ def capsules_of(model: Model) -> list[Capsule]:
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
     """Remove capsules inside another capsule, such as the spheres at the ends of a cylinder.
 
-    Capsules are convex, so that one contains another if it contains both ends of the other.
+    Capsules are convex, so one contains another if it contains both ends of the other.
     """
     if len(capsules) < 2:
         return capsules
@@ -153,7 +153,7 @@ def _axial_capsule(
     radius_m: float,
     aside_m: Vector | None = None,
 ) -> Capsule:
-    """Return the capsule from -half to +half along a shape's own axes, in link coordinates."""
+    """Return the capsule from -half to +half along a shape's local axes, in link coordinates."""
     R, centre = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
     middle = centre if aside_m is None else centre + R @ aside_m
     return Capsule(link, middle - R @ half_m, middle + R @ half_m, radius_m)

@@ -45,13 +45,13 @@ class JointDrive:
     sustained_nm: float = inf
 
     def with_gain(self, share: float) -> JointDrive:
-        """Compute the drive at another P gain, given as a fraction of the present gain."""
+        """Compute the drive at a different P gain, given as a fraction of the present gain."""
         return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * share)
 
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
         """Compute the dry friction of the moving joint, N m.
 
-        The load is the torque on the gears: the difference of motor torque and external torque.
+        The load is the torque on the gears: motor torque minus external torque.
         """
         gears = self.friction
         slow = exp(-abs(speed_rad_s) / gears.slow_rad_s)

@@ -60,7 +60,7 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
 
 
 def sustained_lag(drive: JointDrive) -> float:
-    """Compute the largest lag of a joint, rad or m, that its servos can sustain."""
+    """Compute the maximum lag of a joint, rad or m, that its servos can sustain."""
     return drive.sustained_nm / drive.stiffness_nm_rad
 
 

@@ -39,14 +39,14 @@ class GearFriction:
         return self.static_load_nm(0.0)
 
     def static_load_nm(self, held_nm: float) -> float:
-        """Compute the gear load g at which a resting shaft starts to turn: held + friction under g.
+        """Compute the gear load at which a resting shaft starts to turn: g = held + friction(g).
 
         It is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``. If
         there is no real root, the square root in its formula is taken as zero.
 
         Args:
-            held_nm: Load without friction: zero if torque is off, twice the external torque if the
-                motor lifts this load.
+            held_nm: Gear load without friction: zero if torque is off, twice the external torque
+                if the motor overcomes that torque.
         """
         rest = 1.0 - self.load - self.slow_load
         dry_nm = held_nm + self.coulomb_nm + self.slow_nm
@@ -69,8 +69,8 @@ class ServoTorque:
         startup_duty: Duty that the firmware adds in the direction of an error, minus the duty of
             its dead zone at ``p_gain``.
         sustained_duty: Duty that a blocked servo may apply for a long time, with a margin to its
-            own protection, which acts at 80 % according to Feetech's registers. Dynamixel publishes
-            no value; the simulator uses 90 %.
+            overload protection, which acts at 80 % according to Feetech's registers. Dynamixel
+            publishes no value; the simulator uses 90 %.
     """
 
     stiffness_nm_rad: float

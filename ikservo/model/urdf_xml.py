@@ -139,7 +139,7 @@ def parse_xml(path: Path, text: str) -> XmlElement:
 
 
 class _ElementBuilder:
-    """Builds elements when the parser calls its methods; limits their depth and number."""
+    """Builder of elements from the parser's calls; limits their depth and number."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -60,7 +60,7 @@ def solve_cartesian_path(
     *,
     strict: bool = False,
 ) -> CartesianJointPath:
-    """Find the joints along a path of the tool from joints (dof,).
+    """Find the joint positions along a path of the tool from joints (dof,).
 
     The tool keeps its orientation, relative to the arm plane if the arm has one, or rotates
     uniformly to the orientation at ``end``, joints (dof,). If the arm cannot have this orientation

@@ -69,7 +69,7 @@ class BlendedPath:
     """Straight lines through points in n dimensions, with a blend instead of each corner.
 
     In a blend, the tangent changes from the direction of one line to the direction of the other
-    with the polynomial 3x² - 2x³, so that two derivatives are continuous. The curve then passes
+    with the polynomial 3x² - 2x³, so two derivatives are continuous. The curve then passes
     each corner within 3/8 of the blend, stays inside the box of its points, and is never longer
     than the lines.
 

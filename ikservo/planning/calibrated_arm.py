@@ -109,7 +109,7 @@ def check_joints_match(calibration: Calibration, model: Model, path: str) -> Non
     """Check the joints of a calibration against the arm file.
 
     Raises:
-        CalibrationError: The arm file has other servos or another chain.
+        CalibrationError: The arm file has different servos or a different chain.
     """
     filed = {
         joint.name: _format_servos([(servo.id, servo.model) for servo in joint.servos], joint.gear)
@@ -268,7 +268,7 @@ def check_servo_models(bus: ServoBus) -> None:
     """Check the models of the servos against the arm file.
 
     Raises:
-        CalibrationError: A servo is of another model.
+        CalibrationError: A servo is of a different model.
         BusError: Servos do not answer; all of them are named.
     """
     numbers = read_register(bus, bus.servos, RegisterName.MODEL_NUMBER)
@@ -346,8 +346,8 @@ def calibrated_model(model: Model) -> CalibratedModel:
 
     Raises:
         FileFormatError: A calibration is malformed.
-        CalibrationError: The newest calibration has other servos or another chain than the arm
-            file, or leaves a joint without a range.
+        CalibrationError: The newest calibration has different servos or a different chain from the
+            arm file, or leaves a joint without a range.
     """
     read = {path: read_calibration(path) for path in calibrations_of(model.name) if model.joints}
     if not read:

@@ -82,7 +82,7 @@ class ArmContext:
         )
 
     def at_present(self) -> ArmContext:
-        """Return the context with the present surroundings of the arm, unaffected by later changes.
+        """Return the context with a snapshot of the arm's present surroundings.
 
         Raises:
             RefusedError: Another arm in reach is moving, or its position is unknown.
@@ -191,7 +191,7 @@ class ArmContext:
         """Check the path of a trajectory as it will be streamed.
 
         Returns:
-            The smallest distance of the body [m] on the path; see ``clearance_m``.
+            The minimum clearance of the body [m] on the path; see ``clearance_m``.
 
         Raises:
             RefusedError: The arm would touch something.

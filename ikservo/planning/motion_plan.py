@@ -1,4 +1,4 @@
-"""A motion plan and its preview: path, duration, near limits, start conditions."""
+"""A motion plan and its preview: path, duration, joints near their limits, start conditions."""
 
 from __future__ import annotations
 

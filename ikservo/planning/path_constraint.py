@@ -34,10 +34,10 @@ class PathConstraint:
     """Constraints on the tool from the start of a motion to its end; none by default.
 
     Attributes:
-        upright_rad: The largest tilt of the gripper axis that points up at the start, such as the
+        upright_rad: The maximum tilt of the gripper axis that points up at the start, such as the
             axis of a cup. Rotation about the vertical is free.
         axis: A direction (3,), base frame, near which the tool axis stays.
-        axis_rad: The largest angle between ``axis`` and the tool axis.
+        axis_rad: The maximum angle between ``axis`` and the tool axis.
         low_m: The lowest corner (3,) of a box in which the tip stays.
         high_m: The highest corner (3,) of the box.
         above_m: A point (3,) of a plane above which the tip stays.
@@ -122,7 +122,7 @@ class _ToolLimit:
 
 
 class ConstrainedTool:
-    """Measures how far the tool of an arm is from violating a constraint.
+    """Measure of how far the tool of an arm is from violating a constraint.
 
     Args:
         constraint: The constraint.

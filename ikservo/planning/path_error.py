@@ -21,7 +21,7 @@ _CHUNK = 2000  # number of points that are compared at a time, to bound memory
 
 @dataclass(frozen=True, slots=True)
 class PathDeviation:
-    """The distance of the measured tip from the commanded path, over a motion's control cycles.
+    """The distance from the measured tip to the commanded path, over a motion's control cycles.
 
     Attributes:
         rms_m: The root mean square distance.
@@ -34,7 +34,7 @@ class PathDeviation:
 
 @dataclass(slots=True, eq=False)
 class PathRecorder:
-    """Records the joints in the control cycles of a motion that ends with a Cartesian path.
+    """Recorder of the joint positions during a motion that ends with a Cartesian path.
 
     Args:
         trajectory: The motion of all joints.
@@ -93,7 +93,7 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
 
 
 def _distances_m(points_m: Matrix, path_m: Matrix, windows: IntMatrix) -> Vector:
-    """Compute the distance (k,) of each point to the segments of its window (k, w) of the path."""
+    """Compute the distance (k,) from each point to the path segments in its window (k, w)."""
     begin, along = path_m[windows], np.diff(path_m, axis=0)[windows]
     apart = points_m[:, None, :] - begin
     length2 = np.maximum((along**2).sum(axis=2), 1e-300)

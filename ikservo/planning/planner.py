@@ -99,7 +99,7 @@ class PointGoal:
 
 
 class Planner:
-    """Plans motions of one arm without side effects; reads no servo.
+    """Planner of one arm's motions without side effects; reads no servo.
 
     Args:
         model: The arm's model.
@@ -128,8 +128,8 @@ class Planner:
         """Plan a motion of the tip from the joints ``start`` (n,) to a point (3,) [m].
 
         Raises:
-            UnreachableError: No joints inside the limits reach the point; the error has the nearest
-                point in reach.
+            UnreachableError: No joint positions inside the limits reach the point; the error has
+                the nearest point in reach.
             OrientationError: The tool cannot have the requested orientation there.
             BadValueError: The point is not three finite numbers.
             UnknownNameError: There is no such speed.
@@ -340,7 +340,7 @@ class Planner:
         """Plan a motion after which the tool axis points at a point (3,) [m].
 
         Raises:
-            AimError: No joints inside the limits were found that aim the tool axis at the point.
+            AimError: No joint positions inside the limits were found that aim the axis there.
         """
         from ikservo.ik.sight import solve_sight  # noqa: PLC0415  # few motions aim
 
@@ -374,8 +374,8 @@ class Planner:
         """Return all joints (n,) with the tip at a point (3,) [m], near the joints ``start`` (n,).
 
         Raises:
-            UnreachableError: No joints inside the limits reach the point; the error has the nearest
-                point in reach.
+            UnreachableError: No joint positions inside the limits reach the point; the error has
+                the nearest point in reach.
         """
         solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
         return self._index.with_chain(start, solved.q)

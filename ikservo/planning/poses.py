@@ -157,7 +157,7 @@ def teach(
     until: Callable[[], object] | None,
     relax: Callable[[], object],
 ) -> dict[str, float]:
-    """Save the measured joints as a pose; see ``Arm.teach``."""
+    """Save the measured joint positions as a pose; see ``Arm.teach``."""
     check_callable("until", until)
     poses.check_name(name)
     poses.user_poses()  # this finds a malformed file before the arm is moved by hand

@@ -81,7 +81,7 @@ class PlannedStart:
 
     Args:
         joints: All joints (n,).
-        allowed: The speed class in which the motion would run; if empty, its own speed class.
+        allowed: The speed class in which the motion would run; if empty, the motion's speed class.
     """
 
     def __init__(self, joints: Vector, allowed: str = "") -> None:
@@ -127,7 +127,7 @@ class _MotionRequest:
 
 
 class PreflightPlanner:
-    """Plans the motions of an arm and checks their paths without moving it."""
+    """Planner of an arm's motions that checks their paths without moving the arm."""
 
     def __init__(self, context: ArmContext, runner: MotionStart, poses: PoseLibrary) -> None:
         self._context, self._runner, self._poses = context, runner, poses
@@ -499,7 +499,7 @@ class PreflightPlanner:
                     yield plan if first is None else self._join(first, plan, "")
 
     def _exits(self, request: _MotionRequest, load_factor: float) -> Iterator[MotionPlan]:
-        """Yield short motions, with free paths, from a contact to postures without contact."""
+        """Yield short collision-free motions from a contact to postures without contact."""
         arm, start, allowed = request.arm, request.start, request.allowed
         if not arm.is_in_contact(start, load_factor, 0.0):
             return

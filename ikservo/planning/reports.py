@@ -46,7 +46,7 @@ class ArmState:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints' names, in the order of the arrays."""
+        """The joints' names, in the order used in the arrays."""
         return tuple(joint.name for joint in self.joints)
 
     @property
@@ -119,7 +119,7 @@ class MotionProgress:
         joints_rad: The measured joints (n,), rad or m; the last position if a reply is missing.
         setpoints_rad: The setpoints of the joints (n,); the servos' goals lead them by the effect
             of load and friction.
-        names: Names of the joints, in the order of the arrays.
+        names: Names of the joints, in the order used in the arrays.
     """
 
     elapsed_s: float
@@ -134,7 +134,7 @@ class MotionProgress:
 
     @property
     def positions(self) -> dict[str, float]:
-        """The measured joints by name, rad or m."""
+        """The measured positions by joint, rad or m."""
         return dict(zip(self.names, self.joints_rad.tolist(), strict=True))
 
 
@@ -149,7 +149,7 @@ class MoveResult:
     Attributes:
         target_m: The requested point (3,), metres, base frame.
         commanded_tip_m: The tip (3,) at the solver's joints.
-        measured_tip_m: The tip (3,) at the measured joints.
+        measured_tip_m: The tip (3,) at the measured joint positions.
         error_m: Distance from the target to the measured tip.
         duration_s: Time from the first goal to rest.
         reached: Whether the error is within the arm's tolerance.
@@ -159,7 +159,7 @@ class MoveResult:
         settling_s: Time from the planned end until every joint had settled.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and end.
-        path_error_rms_m: The distance of the measured tip from the commanded path, root mean square
+        path_error_rms_m: The distance from the measured tip to the commanded path, root mean square
             over the control cycles; a lag along the path is not an error. None if the tip followed
             no Cartesian path.
         path_error_max_m: The largest distance in a control cycle.
@@ -196,7 +196,7 @@ class JointMoveResult:
     Attributes:
         goal_rad: The requested joint goals.
         measured_rad: The measured positions of these joints.
-        measured_tip_m: The tip (3,) at the measured joints.
+        measured_tip_m: The tip (3,) at the measured joint positions.
         error_rad: The largest error of a joint.
         duration_s: Time from the first goal to rest.
         reached: Whether every joint is within its tolerance.
@@ -342,7 +342,7 @@ class JogResult:
     """Report on a jog.
 
     Attributes:
-        ended: The reason for the end: no longer requested, a limit, or the message of the guard.
+        ended: The reason for the end: no longer requested, a limit, or the message from the guard.
         blocked: Whether the jog cannot continue in this direction because a limit or the guard
             ended it.
         measured_rad: The joints at the end, rad or m by name.

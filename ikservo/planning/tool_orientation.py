@@ -38,7 +38,7 @@ class ToolOrientation:
         posture: Preferred joint positions instead, used if the point leaves a choice (lecture L10).
         orientation: The complete orientation R_base_tip (3, 3). An arm with fewer than six joints
             reaches it at only a few points.
-        within_rad: The largest deviation of the tool from the pitch, roll, direction or
+        within_rad: The maximum deviation of the tool from the pitch, roll, direction or
             orientation.
 
     Raises:
@@ -111,7 +111,7 @@ class ToolOrientation:
 
     @property
     def tolerance_rad(self) -> float:
-        """The largest accepted deviation of the tool from the requested orientation."""
+        """The maximum accepted deviation of the tool from the requested orientation."""
         return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
 
     def varied(self, random: np.random.Generator) -> ToolOrientation:
@@ -203,7 +203,7 @@ _POSE_DOF = 6  # number of joints that an arm needs for any orientation at a poi
 
 
 class OrientationSolver:
-    """Solves for joints with one tool orientation at one point, from the start joints."""
+    """Solver for joints with one tool orientation at one point, from the start joints."""
 
     def __init__(
         self, chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
@@ -256,7 +256,7 @@ class OrientationSolver:
         """Check that the orientation error is within the tolerance.
 
         Raises:
-            OrientationError: The error is larger.
+            OrientationError: The error is larger than the tolerance.
         """
         if solved.orientation_error_rad <= self._stance.tolerance_rad:
             return

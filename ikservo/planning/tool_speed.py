@@ -24,9 +24,9 @@ class ToolSpeed:
 
     Attributes:
         requested_m_s: The constant speed that was requested.
-        top_m_s: The highest speed of the motion.
-        slowest_m_s: The lowest speed between the first and last instants at the requested speed;
-            the highest speed if the requested speed is never reached.
+        top_m_s: The maximum speed of the motion.
+        slowest_m_s: The minimum speed between the first and the last instant at the requested
+            speed; the maximum speed if the requested speed is never reached.
         limited_by: The limit that keeps the tool from the requested speed.
     """
 

@@ -10,7 +10,7 @@ from ikservo.registers.units import Unit
 
 
 class Codec(Protocol):
-    """Encodes a number as an unsigned word in memory, and decodes it."""
+    """Encoding of a number as an unsigned word in memory."""
 
     def to_word(self, number: int, size: int) -> int:
         """Encode ``number`` as a word of ``size`` bytes."""

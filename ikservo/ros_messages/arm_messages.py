@@ -44,7 +44,7 @@ _OK, _WARN, _ERROR = 0, 1, 2
 
 
 class ArmMessages:
-    """Makes the messages of an arm."""
+    """Builder of an arm's messages."""
 
     def __init__(self, model: Model, chain: Chain) -> None:
         self._model, self._chain = model, chain

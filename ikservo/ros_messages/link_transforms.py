@@ -12,11 +12,11 @@ from ikservo.kinematics.joints import ChainJoint
 
 
 class LinkTransforms:
-    """Computes the pose of every link except the base in its parent.
+    """Computation of the pose of every link except the base in its parent.
 
     Args:
         chain: The arm.
-        names: Names of all joints with a servo, in the order of the vectors (n,).
+        names: Names of all joints with a servo, in the order used in the vectors (n,).
 
     Attributes:
         links: Parent and child of each pose (k).

@@ -142,7 +142,7 @@ class StopResult:
         """Read the outcome in the reply to a stop, without importing the slow ``result_json``.
 
         Raises:
-            IkservoError: The reply is from another version.
+            IkservoError: The reply is from a different version.
         """
         match cast("Any", result):
             case {

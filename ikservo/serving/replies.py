@@ -21,7 +21,7 @@ _MAX_CHARS = 4096
 
 
 def error_fields(error: BaseException) -> dict[str, Any]:
-    """Return an error as JSON values; errors of other libraries become a general failure.
+    """Return an error as JSON values; errors from other libraries become a general failure.
 
     Message and hint are in terms of the command line; details are the other attributes with plain
     values.
@@ -106,7 +106,7 @@ def other_version_error() -> IkservoError:
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:
-    """Check whether an attribute is a detail of one error rather than of its class."""
+    """Check whether an attribute belongs to an error instance rather than to its class."""
     shared = ("command_message", "command_hint", "exit_code", "args")
     return name.isidentifier() and name[0] != "_" and name not in shared and not hasattr(kind, name)
 

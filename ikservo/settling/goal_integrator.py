@@ -54,7 +54,7 @@ class SaturationReason:
 
 
 class GoalIntegrator:
-    """Integrates the error of a joint into its goal.
+    """Integrator of a joint's error into its goal.
 
     Correction ends at the target tick. A joint without load sticks and then jumps by a tick or two.
     When the joint has crossed the target, or is pressed away from it, an error of one tick is
@@ -69,7 +69,7 @@ class GoalIntegrator:
         driven: The joint with its servo and limits.
         goal: The goal, ticks.
         target: The target of the joint, ticks; None if it only has to come to rest.
-        acceleration: The largest change of the goal's speed, ticks/s².
+        acceleration: The maximum change of the goal's speed, ticks/s².
         stuck: Lowest and highest lead at which friction is expected to hold the joint, ticks; the
             goal crosses this range fast. Two equal numbers if unknown.
 

@@ -114,7 +114,7 @@ class SettlingTrajectory:
 
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
-        """The joints that move by more than their backlash explains."""
+        """The joints that move by more than their backlash allows."""
         unsettled: list[str] = []
         for joint in self._joints:
             swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
@@ -182,7 +182,7 @@ class SettlingResult:
         residuals: The joints that did not arrive, with distance and reason.
         motion_s: The duration of the motion up to its planned end, including the preload.
         settling_s: The duration of settling after that.
-        unsettled: The joints that still move by more than their backlash explains.
+        unsettled: The joints that still move by more than their backlash allows.
     """
 
     measured: Vector

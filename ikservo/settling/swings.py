@@ -36,7 +36,7 @@ _MAX_SWING_S = 2.0
 
 
 class SwingDamper:
-    """Counts the reversals of a joint, and softens its servo through its goals while it swings.
+    """Counter of a joint's reversals; while it swings, its goals soften its servo.
 
     Attributes:
         ticks: The distance between the last two reversals of the joint.
@@ -53,7 +53,7 @@ class SwingDamper:
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has swung too often to be corrected again."""
+        """Whether the joint is swinging, or has swung too often to be corrected again."""
         return self._turns >= _MIN_TURNS
 
     @property
@@ -119,13 +119,13 @@ class SwingDamper:
 
 
 class MotionSwings:
-    """Finds joints that swing inside their backlash during motion, where feedback has no effect.
+    """Detector of joints that swing inside their backlash in motion, where feedback has no effect.
 
     A lagging joint changes sides whenever its reference reverses. That is not a swing, so the count
     of its reversals then restarts.
 
     Args:
-        driven_joints: The joints, in the order of the control cycle.
+        driven_joints: The joints, in the order used in the control cycle.
     """
 
     def __init__(self, driven_joints: Sequence[DrivenJoint]) -> None:

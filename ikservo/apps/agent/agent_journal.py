@@ -21,7 +21,7 @@ _MAX_TEXT = 1000  # longest logged value, characters
 
 
 class AgentJournal:
-    """Appends lines to a new journal file; thread-safe.
+    """Writer of a new journal file; thread-safe.
 
     Args:
         arm: The name of the arm, a part of the file's name.

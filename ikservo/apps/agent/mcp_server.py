@@ -188,7 +188,7 @@ class ArmTools:
         turn: anyio.Lock | None = None,
         watched: AnyContext | None = None,
     ) -> T:
-        """Run a tool's work after earlier calls, even if the call is cancelled; report its errors.
+        """Run a tool's work in turn, even if the call is cancelled; report its errors.
 
         A ``watched`` call moves the arm; its motion stops if the client no longer answers.
         """

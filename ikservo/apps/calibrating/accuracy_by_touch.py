@@ -22,7 +22,7 @@ class TouchedPoints:
 
     Attributes:
         tips: Name and position (3,) of each touched point, and the position (3,) of the tip from
-            the measured joints; metres, base frame.
+            the measured joint positions; metres, base frame.
         stopped: The reason why the test ended early; None if it is complete.
     """
 

@@ -194,7 +194,7 @@ def range_ends(subject: JointUnderCalibration) -> Iterator[RangeEnd]:
 
 
 def horn_to_joint(subject: JointUnderCalibration) -> float:
-    """Return the largest joint motion, rad or m, per radian of the horn."""
+    """Return the maximum joint motion, rad or m, per radian of the horn."""
     return subject.joint_map.unit_per_horn_rad
 
 
@@ -278,7 +278,7 @@ def check_auto_allowed(model: Model) -> None:
 
 
 class AutoCalibration:
-    """Measures the ranges of an arm that is held in a named pose.
+    """Measurement of the ranges of an arm that is held in a named pose.
 
     Args:
         loose: The servos of the arm, torque off.

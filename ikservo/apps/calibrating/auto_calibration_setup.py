@@ -182,7 +182,7 @@ _ENOUGH_M = 0.004
 
 
 class PosturePlanner:
-    """Finds collision-free postures of an arm that is not calibrated yet."""
+    """Search for collision-free postures of an arm that is not calibrated yet."""
 
     def __init__(self, model: Model) -> None:
         body = collision_body(model)
@@ -194,7 +194,7 @@ class PosturePlanner:
         self._low, self._high = np.minimum(low, high), np.maximum(low, high)
 
     def learn(self, column: int, low: float, high: float) -> None:
-        """Use the measured range of a joint; postures may then come closer to its ends."""
+        """Use the measured range of a joint; postures may then use it almost up to its ends."""
         low, high = low + _INSIDE_MEASURED_RAD, high - _INSIDE_MEASURED_RAD
         if low < high:
             self._low[column], self._high[column] = low, high
@@ -209,7 +209,7 @@ class PosturePlanner:
 
         Raises:
             RefusedError: The arm would touch something in every tried posture; the message names
-                the contact of the best one.
+                the contact in the best one.
         """
         search = _JointSearch(column, start, end)
         nearest = (-np.inf, "")
@@ -304,7 +304,7 @@ class _JointSearch:
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
     def start_posture(self, posture: Vector) -> Vector:
-        """Return a posture with the joint at its start."""
+        """Return a copy of a posture (n,) with the joint at the start of its search."""
         moved = posture.copy()
         moved[self.column] = self.start
         return moved

@@ -105,7 +105,7 @@ class CalibrationOptions:
         return replace(state, free=free, skipped=skipped)
 
     def with_user_ranges(self, more: Mapping[str, Limits]) -> CalibrationOptions:
-        """Return the options with narrower ranges for joints whose range the user has not set."""
+        """Return the options with ranges from ``more`` for joints without a user-defined range."""
         return replace(self, user={**more, **self.user})
 
 
@@ -354,7 +354,7 @@ def _build_outcome(
     options: CalibrationOptions,
     base: Calibration | None,
 ) -> CalibrationResult:
-    """Build the calibration, with the limits in the servos if the options say so.
+    """Build the calibration, with the limits in the servos if the options request it.
 
     Raises:
         CalibrationError: The ranges of a joint do not overlap.

@@ -255,7 +255,7 @@ class CalibrationState:
     # --- events ---
 
     def update(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Add a reading of all servos at a time [s]: bare ticks (without homing offset) by id."""
+        """Add a reading of all servos at a time [s]: encoder ticks (no homing offset) by id."""
         ticks_per_turn_by_id = {
             i: s.ticks_per_turn for s in self.subjects for i in (s.servo_id, *s.shadow_ids)
         }
@@ -270,7 +270,7 @@ class CalibrationState:
         return after._update_direction()
 
     def update_unwrapped(self, at_s: float, ticks: Mapping[int, int]) -> CalibrationState:
-        """Add bare ticks that the servo driver has already unwrapped."""
+        """Add encoder ticks that the servo driver has already unwrapped."""
         tracks = {i: track.update_unwrapped(ticks[i], at_s) for i, track in self.tracks.items()}
         return replace(self, tracks=tracks)
 

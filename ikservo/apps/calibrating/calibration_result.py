@@ -35,7 +35,7 @@ class MeasuredJoint:
     """The measured sign, zero and travel of a joint.
 
     Attributes:
-        joint_map: The sign and zero of the joint, in bare ticks; in reported ticks after
+        joint_map: The sign and zero of the joint, in encoder ticks; in reported ticks after
             ``shift_ticks``.
         travel: The range of the joint, in the same ticks.
         swept: The source of the range.
@@ -74,7 +74,7 @@ class MeasuredJoint:
 
 
 def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
-    """Return the sign, zero and travel of a joint, in bare ticks (without homing offset).
+    """Return the sign, zero and travel of a joint, in encoder ticks (without homing offset).
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.

@@ -234,7 +234,7 @@ def open_torque_off(
     Raises:
         PortError: There is no port, or it cannot be opened.
         ServoSilentError: A servo does not reply.
-        CalibrationError: A servo is of another model, or a write was interrupted.
+        CalibrationError: A servo is of a different model, or a write was interrupted.
     """
     with exiting_on_signals(), open_bus(model, port) as bus:
         check_servo_models(bus)
@@ -457,7 +457,7 @@ def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationR
 
 
 def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
-    """Yield a warning for each earlier result that is lost when some joints are recalibrated."""
+    """Yield a warning for each saved result that is lost when some joints are recalibrated."""
     yield from find_lost_camera(base)
     if base.geometry:
         yield (

@@ -232,7 +232,7 @@ class CalibrationFit:
             estimated parameters, each scaled by its prior. Touches add information if a value is
             above 1.
         kept: Whether each touch (n,) was used.
-        residuals_m: Distance of the tip from each point (n,), outliers included.
+        residuals_m: Distance from the tip to each point (n,), outliers included.
     """
 
     layout: ParameterVector
@@ -253,7 +253,7 @@ class CalibrationFit:
         )[0]
 
     def errors_m(self, touches: Sequence[TouchPoint]) -> Vector:
-        """Compute the distance of the tip from each touch's point (n,)."""
+        """Compute the distance from the tip to each touch's point (n,)."""
         return np.linalg.norm(
             self.tips(joint_matrix(touches)) - self._touched_points(touches), axis=1
         )

@@ -19,7 +19,7 @@ def check_lerobot_joints(joints: Sequence[LerobotJoint], model: Model, loose: To
     """Check LeRobot's joints against the joints of the arm.
 
     Raises:
-        CalibrationError: A joint is missing, or a servo has another id or direction.
+        CalibrationError: A joint is missing, or a servo has a different id or direction.
     """
     recorded = {joint.name: joint for joint in joints}
     for name in recorded.keys() ^ {joint.name for joint in model.joints}:

@@ -27,7 +27,7 @@ _MAX_TURNS_PER_S = 1.6  # fastest motion by hand: 10 rad/s
 
 @dataclass(frozen=True, slots=True)
 class RangeTracker:
-    """The position and range of a servo, in unwrapped bare ticks (without homing offset).
+    """The position and range of a servo, in unwrapped encoder ticks (without homing offset).
 
     Attributes:
         ticks_per_turn: Ticks of a revolution, or 0 for a sensor that does not wrap around.
@@ -102,7 +102,7 @@ class ContactState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EndStopDetector:
-    """Detects the stop of one joint; all angles are angles of the servo's horn.
+    """Detector of one joint's stop; all angles are angles of the servo's horn.
 
     Static friction and gravity may hold a joint until its servo pushes with its full allowed
     torque. So a joint at rest is at a stop only if its lag is large enough for that torque.

@@ -72,7 +72,7 @@ def place_sheet(
         block_m: The height of a block that stands on every other cross; None without blocks.
 
     Returns:
-        The distance of the near edge [m], and the targets in the order of touching.
+        The distance of the near edge [m], and the targets in the order in which they are touched.
     """
     ahead, left, up = view_axes(model)
     reach_m = float(ahead @ model.chain.forward(model.chain_pose("home"))[:3, 3])

@@ -110,7 +110,7 @@ class ArmCamera:
 
         Raises:
             CalibrationError: The arm has no calibrated camera, or the camera has moved since,
-                it delivers no picture, or the picture has another size.
+                it delivers no picture, or the picture has a different size.
             InputError: OpenCV is not installed, or there is no such camera.
         """
         size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]

@@ -81,7 +81,7 @@ def find_block_at(
 def _fit_block(
     model: CameraModel, outline_px: Matrix, table_m: float, name: str
 ) -> KeepOutShape | None:
-    """Fit an upright box on the table to an outline (n, 2); None if it has another shape."""
+    """Fit an upright box on the table to an outline (n, 2); None if it has a different shape."""
     from scipy.optimize import least_squares  # noqa: PLC0415  # slow to import
 
     try:

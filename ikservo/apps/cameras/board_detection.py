@@ -37,7 +37,7 @@ SAME_PICTURE = (
 
 
 class PictureSource(Protocol):
-    """Takes pictures.
+    """Source of pictures.
 
     Attributes:
         hint: A hint for the person who views the pictures; empty if there is none.
@@ -76,7 +76,7 @@ class LiveCamera:
             )
 
     def take(self) -> Picture:
-        """Take a picture; discard older pictures in the driver's queue.
+        """Take a picture; discard pictures that waited in the driver's queue.
 
         Raises:
             PictureError: The file is damaged, or the camera no longer delivers pictures.

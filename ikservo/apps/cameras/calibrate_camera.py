@@ -45,7 +45,7 @@ from ikservo.model import Model
 def calibrate_by_camera(
     connection: NamedServoConnection, options: CameraOptions, operator: Operator, *, json: bool
 ) -> None:
-    """Let the arm show its board to a camera; print the result, and save an improvement.
+    """Let the arm show its board to a camera; print the result, and save it if the user agrees.
 
     In a calibration by hand, the arm is limp and the user moves it.
 

@@ -1,14 +1,14 @@
 """Joint estimate of the camera and the arm from pictures of a board on the gripper.
 
-A sample consists of the measured joints and the pose of the board in the camera. With the pose C of
-the arm's base in the camera, the pose B of the board on the tip, and the forward kinematics f with
-zeros, compliance and backlash (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
-estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all samples: e has six rows in
-the frame of the ray to the board. The deviations σ across the ray, along it, of the turn about it
-and of the tilt differ by a factor of ten; the residuals give them (variance components). m and s
-are the prior mean and deviation of x. Parameters that the pictures do not determine keep their
-prior; otherwise, the zero of a last joint, which turns the board, would follow the smallest model
-error.
+A sample consists of the measured joint positions and the pose of the board in the camera. With the
+pose C of the arm's base in the camera, the pose B of the board on the tip, and the forward
+kinematics f with zeros, compliance and backlash (``kinematics.bending``), the board is predicted at
+``C f(q) B``. The estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all samples: e
+has six rows in the frame of the ray to the board. The deviations σ across the ray, along it, of the
+turn about it and of the tilt differ by a factor of ten; the residuals give them (variance
+components). m and s are the prior mean and deviation of x. Parameters that the pictures do not
+determine keep their prior; otherwise, the zero of a last joint, which turns the board, would follow
+the smallest model error.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class CameraFit:
         extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
-        scale: The fraction by which the board was printed larger than stated, and by which its
+        scale: The fraction by which the board was printed larger than specified, and by which its
             distance is therefore larger.
         lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros if the lens is known.
         zeros: The offsets of the measured joints (dof,), rad or m.
@@ -364,7 +364,7 @@ def fit_camera(
 
 
 def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple[Matrix, Matrix]:
-    """Compute the information of boards (n) at expected poses on all parameters but the backlash.
+    """Compute the information from boards (n) at expected poses on all parameters but backlash.
 
     Returns:
         The information matrix (k, k) of all pictures and the prior, and the rows (n, 12, k) of each

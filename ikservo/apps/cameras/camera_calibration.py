@@ -154,7 +154,7 @@ class ArmBefore:
 
 
 class BoardPictures:
-    """Views of a board on the gripper, with the measured joints of each, kept in a folder."""
+    """Views of a board on the gripper, with the measured joint positions, kept in a folder."""
 
     def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
         self.board, self.views, self.joints = board, list[BoardView](), list[Vector]()
@@ -168,7 +168,7 @@ class BoardPictures:
         """Add a view of the board from a picture taken with the chain's joints at q (dof,).
 
         Raises:
-            PictureError: The picture has another size than the first picture.
+            PictureError: The picture differs in size from the first picture.
             FileWriteError: The picture cannot be kept in the folder.
         """
         if self.views and view.size != self.views[0].size:
@@ -247,7 +247,7 @@ class BoardPictures:
 
 
 class CameraCalibration:
-    """Shows the board on the gripper to a camera, and estimates arm and camera from the pictures.
+    """Calibration of an arm and a camera from pictures of the board on the gripper.
 
     Args:
         arm: The arm, with the board in front of the camera, near the middle of the picture.
@@ -374,7 +374,7 @@ class CameraCalibration:
         return picture
 
     def _keep(self, picture: Picture) -> None:
-        """Store the view of the board in a picture with the measured joints.
+        """Store the view of the board in a picture, with the measured joint positions.
 
         Raises:
             CalibrationError: The board is not seen.

@@ -54,7 +54,7 @@ class BoardPlace:
         return self._stored.scale
 
     def limits(self, within_mm: float | None) -> tuple[float, float]:
-        """Return the largest apparent motion [mm, degrees] of a camera that counts as unmoved."""
+        """Return the maximum apparent motion [mm, degrees] of a camera that counts as unmoved."""
         if self.on_table:
             return within_mm or _OFF_MM, _OFF_DEG
         return within_mm or _OFF_MM + 2.0 * self._camera.after_mm, _OFF_DEG + _GRIPPER_DEG
@@ -69,7 +69,7 @@ def check_camera(
 ) -> tuple[CameraCheck, BoardPlace]:
     """Measure the pose of the board, and save whether the camera has moved; the arm stays still.
 
-    ``within_mm`` is the largest accepted shift; None: the error of the calibration.
+    ``within_mm`` is the maximum accepted shift; None: the error of the calibration.
 
     Raises:
         UnknownNameError: The arm has no camera of that name.
@@ -124,7 +124,7 @@ def compare_place(
     See ``check_camera`` for ``within_mm``.
 
     Raises:
-        CalibrationError: The board cannot be measured, or the picture has another size.
+        CalibrationError: The board cannot be measured, or the picture has a different size.
     """
     T_base_board = place.pose(T_base_tip)
     T_seen = _seen(model, place.board, view)

@@ -91,10 +91,10 @@ def command(
     """Make a calibration board, check whether a camera has moved, or find a zero with a camera.
 
     A check uses the board on the gripper, as calibrated, or a remembered board on the table.
-    Nothing moves. Exit code 6: the camera has moved; its pictures give no targets until it is back
-    in place. Exit code 1: the picture does not show the board. If no board shows the zero of the
-    last joint, it is found from the pixel of the tip and saved. Further clicks improve the result,
-    best in another posture, which the command proposes.
+    Nothing moves. Exit code 6: the camera has moved; its pictures cannot give targets until it is
+    back in place. Exit code 1: the picture does not show the board. If a board cannot show the zero
+    of the last joint, tip finds and saves it from the tip's pixel in a picture. More pixels improve
+    the result, most of all pixels in the different posture that the command proposes.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
 

@@ -118,7 +118,7 @@ class CameraModel:
 
     @cached_property
     def widest(self) -> float:
-        """Tangent of the largest angle to the axis at which the lens polynomial is used.
+        """Tangent of the maximum angle to the axis at which the lens polynomial is used.
 
         The polynomial may stop increasing at some radius; beyond it the projection is linear.
         """

@@ -74,7 +74,7 @@ def open_capture(source: str) -> Capture:
 class AddressCapture:
     """A camera at an address, read by a process whose time and memory are bounded.
 
-    FFmpeg keeps a picture in memory until it is complete, and allocates its stated size.
+    FFmpeg keeps a picture in memory until it is complete, and allocates the size in its header.
 
     Args:
         source: The address. It may contain a password, so it is not on the command line.
@@ -106,7 +106,7 @@ class AddressCapture:
         return self._ask(_GRAB)[0]
 
     def release(self) -> None:
-        """Close the camera; the process ends."""
+        """Close the camera, and end the process that reads it."""
         for pipe in (self._requests, self._answers):
             with contextlib.suppress(OSError):  # the process has already ended
                 pipe.close()
@@ -139,7 +139,7 @@ def _silent_opencv() -> ModuleType:
 
 
 def _serve_pictures() -> None:
-    """Answer the requests of an ``AddressCapture`` until it closes its end of the pipe."""
+    """Answer the requests from an ``AddressCapture`` until it closes its end of the pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is meant for the process that asks
     cv2 = _silent_opencv()
     source = sys.stdin.buffer.readline().decode().rstrip("\n")

@@ -1,4 +1,4 @@
-"""A folder with pictures of a board and the joints in each picture, for a later estimate."""
+"""A folder with pictures of a board and the joint positions in each picture, for an estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MAX_PICTURE_BYTES = 100_000_000
 
 
 class SavedPicture(StrictModel):
-    """An entry of ``[[pictures]]``: a picture and its measured joints."""
+    """An entry of ``[[pictures]]``: a picture and its measured joint positions."""
 
     file: Annotated[str, Field(pattern=r"^picture-[0-9]{3}\.png$")] = Field(
         description="picture-001.png …"
@@ -53,7 +53,7 @@ class PictureIndex(StrictModel):
 
 
 class PictureFolder:
-    """Saves pictures in a new folder as they are taken, so that a failure loses none of them.
+    """New folder in which each picture is saved when it is taken, so that a failure loses none.
 
     Args:
         path: The folder.
@@ -86,7 +86,7 @@ class PictureFolder:
         """Save a picture and the joints (dof,), rad or m.
 
         Raises:
-            FileWriteError: The disk is full or not writable; earlier pictures are kept.
+            FileWriteError: The disk is full or not writable; the pictures so far are kept.
         """
         import cv2  # noqa: PLC0415  # from the extra `camera`
 

@@ -50,7 +50,7 @@ def choose_postures(
     done: Matrix,
     count: int,
 ) -> list[int]:
-    """Choose postures one by one; each adds the most information to the earlier postures.
+    """Choose postures one by one; each adds the most information to those already chosen.
 
     The most informative posture increases the determinant of the information about camera, lens,
     board, zeros and compliances the most (D-optimality; Fedorov 1972). Postures are rows:

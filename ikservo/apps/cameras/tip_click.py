@@ -52,7 +52,7 @@ class TipZero:
     Attributes:
         joint: The last joint.
         shift_rad: The correction of the joint: its true angle minus its measured angle.
-        off_m: The distance of the last click from the corrected tip, across the line of sight.
+        off_m: The distance from the last click to the corrected tip, across the line of sight.
         px_per_deg: Motion of the tip in the picture per degree of the joint, pixels.
         others_deg: The deviation of each click from the mean, the latest clicks last.
         counts: Whether each click is used; a click too far from two or more others is ignored.
@@ -270,7 +270,7 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
     """Check that the arm's joints are measured with the zeros of a calibration.
 
     Raises:
-        CalibrationError: The joints are measured with other zeros.
+        CalibrationError: The joints are measured with different zeros.
     """
     present = {each.joint: each.joint_map for each in arm.context.servos.driven_joints}
     for own in chain_maps(arm.model, calibration):

@@ -160,7 +160,7 @@ class Pick(OwnMotion[GraspResult]):
         return self.plan(context, start)[1].goal
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
-        """Pick up the thing by the ``steps`` of a plan; reopen the jaws if they grip nothing."""
+        """Pick up the thing, following a plan's ``steps``; reopen the jaws if they grip nothing."""
         grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
         if not _run(arm, steps[:1], on_progress).reached:
             raise RefusedError("The jaws did not open.", "Remove what is between them.")
@@ -228,7 +228,7 @@ class Place(OwnMotion[GraspResult]):
         return self.plan(context, start)[1].goal
 
     def run(self, arm: ArmParts, on_progress: OnProgress | None, steps: Steps = ()) -> GraspResult:
-        """Put down the thing by the ``steps`` of a plan; raise if the gripper holds nothing."""
+        """Put down the thing, following a plan's ``steps``; raise if the gripper holds nothing."""
         grip, steps = _grip_of(arm), steps or _plan_now(self, arm)
         if not _run(arm, steps[:2], on_progress).grasped:
             grip.T_thing_tip = None
@@ -330,7 +330,7 @@ class _JawsHold:
 
 
 class _GraspPlanner:
-    """Plans grasps from the positions (n,) of all joints; nothing moves, and no servo is read."""
+    """Planner of grasps from the positions (n,) of all joints; moves nothing and reads no servo."""
 
     def __init__(self, context: ArmContext, start: Vector, speed: str) -> None:
         context.require_zeros()

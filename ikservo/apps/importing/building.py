@@ -1,4 +1,4 @@
-"""Convert a foreign tree to one draft per arm."""
+"""Convert the tree of an imported description to one draft per arm."""
 
 from __future__ import annotations
 

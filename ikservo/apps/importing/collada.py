@@ -31,7 +31,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
 
 
 class _SceneSize:
-    """Adds up the elements, triangles and characters of a scene, once per instance."""
+    """Sum of the elements, triangles and characters of a scene, counted once per instance."""
 
     def __init__(self, path: Path, place: str, root: XmlElement) -> None:
         self._path, self._place, self._root = path, place, root

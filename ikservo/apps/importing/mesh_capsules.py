@@ -66,7 +66,7 @@ class MeshFit:
     Attributes:
         capsules: The capsules, in the coordinates of the mesh.
         excess_m: The distance from the mesh to the farthest point of their common surface.
-        allowed_m: The largest acceptable value of that distance.
+        allowed_m: The maximum acceptable value of that distance.
     """
 
     capsules: tuple[FittedCapsule, ...]

@@ -70,7 +70,7 @@ def _check_count(path: Path, place: str, triangles: float) -> None:
 
 
 def _stated_triangles(suffix: str, data: bytes) -> float:
-    """Return the number of triangles that a file states, before it is loaded; 0 if unknown."""
+    """Estimate the number of triangles in a file without loading it; 0 if unknown."""
     if suffix == ".stl" and len(data) > _STL_HEAD_BYTES and not data.startswith(b"solid"):
         return (len(data) - _STL_HEAD_BYTES) // _STL_TRIANGLE_BYTES
     if suffix == ".obj":
@@ -123,7 +123,7 @@ def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
 
 
 class _FolderResolver:
-    """Gives trimesh the files that a mesh names, but only from the folder of the mesh."""
+    """Resolver that gives trimesh the files that a mesh names, only from the mesh's folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

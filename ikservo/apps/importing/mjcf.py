@@ -163,7 +163,7 @@ _SWITCHES = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
 
 @dataclass(slots=True)
 class _LineCount:
-    """Counts the written lines of XML, so that MuJoCo reports an element's original line."""
+    """Counter of the written lines of XML, so that MuJoCo reports an element's original line."""
 
     show_lines: bool
     line: int = 1
@@ -290,7 +290,7 @@ def _ignore(_: str) -> None:
 
 
 class _BodyTreeReader:
-    """Builds links and joints from the bodies of a compiled model, parents first."""
+    """Reader of links and joints from the bodies of a compiled model, parents first."""
 
     def __init__(self, path: Path, mujoco: Any, model: Any) -> None:  # noqa: ANN401
         self._path, self._mujoco, self._model = path, mujoco, model

@@ -21,7 +21,7 @@ _DESCRIPTION_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "xml", "mjc
 
 @dataclass(slots=True)
 class PackageFolders:
-    """Finds packages: given by the user, or in folders above the description.
+    """Lookup of packages: given by the user, or in folders above the description.
 
     Attributes:
         path: The description.

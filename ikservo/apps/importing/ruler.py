@@ -41,7 +41,7 @@ def parse_measured(text: str) -> RulerJoint:
     """Parse ``NAME=AXIS:LENGTH``, such as ``shoulder=y:0.12``.
 
     Raises:
-        BadValueError: The text has another form.
+        BadValueError: The text has a different form.
     """
     name, _, rest = text.partition("=")
     axis, _, length = rest.partition(":")

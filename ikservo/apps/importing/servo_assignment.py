@@ -167,7 +167,7 @@ def _ask_about(
 
 
 def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
-    """Move a servo slowly to larger ticks and back, then switch its torque off again.
+    """Move a servo slowly, towards increasing ticks, and back, then switch its torque off again.
 
     Each step is reported, so that the caller of the dialogue can end it at any step.
     """

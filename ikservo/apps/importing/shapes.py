@@ -53,8 +53,8 @@ class ContactFit:
         name: The name of the mesh in the description.
         triangles: The number of its triangles.
         capsules: The number of capsules around it.
-        excess_m: The largest distance of their surface from the mesh.
-        allowed_m: The largest distance that it should have.
+        excess_m: The maximum distance from their surface to the mesh.
+        allowed_m: The acceptable maximum of ``excess_m``.
     """
 
     link: str

@@ -1,4 +1,4 @@
-"""Find the arm in a foreign tree, and reduce the tree to that arm."""
+"""Find the arm in the kinematic tree of an imported robot, and reduce the tree to that arm."""
 
 from __future__ import annotations
 

@@ -85,8 +85,8 @@ def expand_xacro(
     ``arguments`` are values of the file's ``<xacro:arg>`` by name.
 
     Raises:
-        FileFormatError: xacro is not installed, does not accept the file, or needs too much time,
-            memory or output, or a package is not found; the message names the cause.
+        FileFormatError: xacro is not installed, does not accept the file, exceeds the limits on
+            time, memory or output, or does not find a package; the message names the cause.
     """
     if not path.is_file():
         raise FileFormatError(path, "", "it does not exist", "a xacro file")

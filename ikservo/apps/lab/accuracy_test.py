@@ -1,4 +1,4 @@
-"""Test of accuracy and repeatability according to ISO 9283, with the arm's own sensors."""
+"""Test of accuracy and repeatability according to ISO 9283, with the arm's joint sensors."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class DriftResult:
 
 
 class AccuracyTest:
-    """Runs the test on an arm and keeps the measurements, even if it is stopped.
+    """Run of the test on an arm; the measurements are kept even if it is stopped.
 
     Args:
         arm: The open arm; it moves at the speed class ``fast``.

@@ -171,7 +171,7 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
 
 
 def _factors(prior: JointPrior) -> Mapping[str, float]:
-    """Compute the factors that convert figures of one servo, at the horn, to the joint."""
+    """Compute the factors that refer figures of one servo from the horn to the joint."""
     force, per_horn_rad = prior.force, prior.per_horn_rad
     return {
         "full_duty_nm": force,

@@ -94,7 +94,7 @@ class JointPrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Winding:
-    """The motor of one servo, at the horn, identified from duty, current and speed.
+    """The motor of one servo, referred to the horn, identified from duty, current and speed.
 
     Attributes:
         ohm: The resistance of the winding.

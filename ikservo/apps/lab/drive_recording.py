@@ -29,8 +29,8 @@ class DriveRecording:
         speed: The speed of the reference (m, dof), rad/s or m/s.
         goal: Goals (m, dof), rad or m.
         position: Positions measured together with the duty (m, dof), rad or m.
-        duty: Fraction of the full duty (m, dof, most), -1 to 1, positive towards larger positions.
-            NaN for a servo that a joint does not have.
+        duty: Fraction of the full duty (m, dof, most), -1 to 1, positive towards increasing
+            positions. NaN for a servo that a joint does not have.
         current_a: Current of the winding (m, dof, most), or its magnitude if the servo does not
             measure the sign; NaN if it measures no current.
         voltage_v: Voltage at the servo (m, dof, most).

@@ -111,7 +111,7 @@ class DutyModel:
         )
 
     def with_prior(self, prior: ParameterPrior) -> DutyModel:
-        """Return the model with another prior."""
+        """Return the model with a different prior."""
         return replace(self, prior=prior)
 
     def only(self, mask: NDArray[np.bool_]) -> DutyModel:

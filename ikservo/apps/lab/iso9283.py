@@ -117,7 +117,7 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
     point counts.
 
     Args:
-        measured: The points (k, 3) of one cycle, in the order of time.
+        measured: The points (k, 3) of one cycle, in chronological order.
         points: The points (m, 3) of the commanded path.
         tangents: The unit tangents (m, 3) of the path at these points.
 

@@ -122,8 +122,8 @@ def place_cube(arm: OpenArm) -> IsoCube:
 def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
     """Check whether the arm reaches the whole cube in one IK branch and with enough clearance.
 
-    The body must be clear if the tool keeps its orientation, as in motions. The orientation
-    depends on the earlier motion, so the cube is visited twice.
+    The body must be clear if the tool keeps its orientation, as in motions. The orientation depends
+    on the preceding motion, so the cube is visited twice.
     """
     home, tool = arm.model.chain_pose("home"), tool_frame(arm.model)
     q = home

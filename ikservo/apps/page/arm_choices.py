@@ -110,7 +110,7 @@ def _own_arm(name: str, adapter: str, port: str, calibrated: bool) -> dict[str, 
 
 
 class ChoiceFinder:
-    """Searches for choices in its own thread, because a search takes longer than a control cycle.
+    """Search for choices in a thread, because a search takes longer than a control cycle.
 
     Args:
         given: Arms and ports from the command line.

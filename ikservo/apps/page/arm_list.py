@@ -92,7 +92,7 @@ _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
 
 
 def read_arm_list_message(text: str) -> ArmListMessage:
-    """Parse and validate a message of the list.
+    """Parse and validate a message from the page's list of arms.
 
     Raises:
         BadMessageError: The message is too long, not JSON, or not one of the messages above.
@@ -101,7 +101,7 @@ def read_arm_list_message(text: str) -> ArmListMessage:
 
 
 class ArmList:
-    """Shows the arms to every client; clients that may move an arm may open and close arms."""
+    """The arms, shown to every client; clients that may move an arm may open and close arms."""
 
     def __init__(
         self,

@@ -55,7 +55,7 @@ Handler = Callable[[Any, Client], None]
 
 
 class SessionController:
-    """Handles the messages of all clients; one client controls the arm (``SessionBackend``).
+    """Handler of the messages from all clients; one client controls the arm (``SessionBackend``).
 
     Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
 
@@ -311,7 +311,7 @@ class SessionController:
         self._grasp.request(self._circumstances())  # the message may have withdrawn it
 
     def _set_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
-        """Set a pose, an earlier goal, or a position or step of a joint or the tool."""
+        """Set a pose, a previous goal, or a position or step of a joint or the tool."""
         snapshot, interaction = self._arm_thread.snapshot, self._interaction
         self._require_ready()
         match message:
@@ -360,7 +360,7 @@ class SessionController:
                 self._interaction.set_things(self._arm.scene.things)
 
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
-        """Switch a servo's torque, and drop the goal, because it started from the old position."""
+        """Switch a servo's torque; drop the goal, because the start of its plan may change."""
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Torque stays on while Live is on.", "Switch Live off first.")
@@ -585,7 +585,7 @@ class SessionController:
         return self._camera_view is not None
 
     def _forget_targets(self) -> None:
-        """Drop the goal and all earlier goals; the arm holds."""
+        """Drop the goal and all previous goals; the arm holds."""
         self._interaction.reset()
         self._interaction.history.clear()
 

@@ -82,7 +82,7 @@ def banner(snapshot: ArmSnapshot, fallback: StopNotice | None) -> dict[str, str]
 def messages(
     snapshot: ArmSnapshot, interaction_messages: Sequence[LogEntry]
 ) -> list[dict[str, object]]:
-    """Return the latest messages of the arm and of the interaction, ordered by time."""
+    """Return the latest messages from the arm and from the interaction, ordered by time."""
     entries = sorted((*snapshot.messages, *interaction_messages), key=lambda entry: entry.time_s)
     return [
         {"message": entry.message, "level": entry.level, "time_s": round(entry.time_s, 1)}
@@ -233,7 +233,7 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
 
 
 class FrameComposer:
-    """Composes scene and status frames from the arm thread's snapshot, for each client's view.
+    """Composer of scene and status frames from the arm thread's snapshot, for each client's view.
 
     Attributes:
         extent: The extent of the arm.

@@ -312,7 +312,7 @@ class ServedArms:
         return self._settings.cameras.names if self._settings.cameras else []
 
     def all(self) -> list[ServedArm]:
-        """Return every arm in the order of opening, including arms that could not be opened."""
+        """Return all arms in order of opening, including arms that could not be opened."""
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:

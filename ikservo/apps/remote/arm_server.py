@@ -53,7 +53,7 @@ _QUICK = ("lease", "release", "acknowledge", "disable_torque")
 
 
 class ArmServer:
-    """Serves an open arm in a Zenoh session, in its own threads, until it is closed.
+    """Server of an open arm in a Zenoh session, in separate threads, until it is closed.
 
     Motions run one at a time. If the operator of a running motion is silent for 0.3 s, or the
     connection is lost, the arm brakes, holds, and stays stopped until the stop is acknowledged.
@@ -135,17 +135,17 @@ class ArmServer:
     # requests
 
     def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
-        """Return the context for running a request; a later stop ends its motion.
+        """Return the context for running a request; a stop after the request ends its motion.
 
         A stop while the request was on its way, or was waiting in the client, also ends the
-        motion. A larger stop count is capped, because the motion could survive later stops.
+        motion. A stop count above the arm's is capped; otherwise, the motion could survive stops.
         """
         background, count = self._arm.background, request.stop_count
         present = background.stop_count
         return background.requested(present if count is None else min(count, present))
 
     def check(self, request: ServiceRequest, service: str) -> None:
-        """Check a request of the operator against the lease when it arrives.
+        """Check a request from the operator against the lease when it arrives.
 
         Raises:
             RefusedError: The lease refuses the request.

@@ -99,7 +99,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     Raises:
         InputError: There are already certificates, or a host is not valid.
         IkservoError: The extra ``net`` is not installed.
-        FileWriteError: A file cannot be written; earlier certificates are unchanged.
+        FileWriteError: A file cannot be written; existing certificates are unchanged.
     """
     if (folder / _AUTHORITY).exists() and not overwrite:
         raise InputError(f"{folder} already has certificates.", "Choose another folder.")
@@ -228,7 +228,7 @@ def access_control(name: str) -> Mapping[str, object]:
     """Return Zenoh's access control for a served arm; everything that is not listed is refused.
 
     A watcher may ask for states and stop the arm; an operator may also drive it. Only the server
-    may publish news and answer requests.
+    may publish states, progress and streams, and answer requests.
     """
     watching = [keys.watch(name, "*"), keys.watch("*", "*"), keys.stop(name), keys.stop("*")]
     driving = [keys.drive(name, "*")]

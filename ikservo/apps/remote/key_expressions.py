@@ -3,8 +3,8 @@
 =============================  ==============================================================
 ``ikservo/NAME/watch/SERVICE``   requests that move nothing, allowed to watchers
 ``ikservo/NAME/stop``            a stop, allowed to watchers
-``ikservo/NAME/drive/SERVICE``   requests of the operator
-``ikservo/NAME/setpoint``        heartbeats and goals of the operator
+``ikservo/NAME/drive/SERVICE``   requests from the operator
+``ikservo/NAME/setpoint``        heartbeats and goals from the operator
 ``ikservo/NAME/operator/TOKEN``  liveliness token of the operator
 ``ikservo/NAME/server``          liveliness token of the server of the arm
 ``ikservo/NAME/news/TOPIC``      states, progress, streams, published by the server
@@ -19,12 +19,12 @@ PREFIX = "ikservo"
 
 
 def watch(name: str, service: str) -> str:
-    """Return the key of a request that moves nothing."""
+    """Return the key for a request that moves nothing."""
     return f"{PREFIX}/{name}/watch/{service}"
 
 
 def drive(name: str, service: str) -> str:
-    """Return the key of a request of the operator."""
+    """Return the key for a request from the operator."""
     return f"{PREFIX}/{name}/drive/{service}"
 
 

@@ -22,7 +22,7 @@ _STOP_TIMEOUT_S = 5.0
 
 
 class MotionCalls:
-    """Requests plans and motions from the server of an arm.
+    """Requests for plans and motions to the server of an arm.
 
     Attributes:
         stop_request: Stops the arm, and shows which motions were requested before a stop.
@@ -54,7 +54,7 @@ class MotionCalls:
     def await_result(
         self, pending: PendingCall, go_on: Callable[[], None] | None, poll_s: float = _POLL_S
     ) -> object:
-        """Wait for the end of a motion; a signal or an error of the caller stops it.
+        """Wait for the end of a motion; a signal or an error in the caller stops it.
 
         ``go_on`` is called periodically while waiting.
 
@@ -124,7 +124,7 @@ class RemoteStopRequest(StopRequest):
         return parse_result(int, self._connection.watch("stop_count"))
 
     def count_stop(self, reason: StopReason) -> None:
-        """Count a stop by this program, because it may reach the server after later requests."""
+        """Count a stop by this program; requests made after it may reach the server first."""
         if reason.kind is not StopKind.CANCELLED:
             self.count_here += 1
 

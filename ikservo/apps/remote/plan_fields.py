@@ -68,7 +68,7 @@ class PlanRegistry:
         """Return a plan.
 
         Raises:
-            RefusedError: The plan is unknown, or no longer kept.
+            RefusedError: The plan is unknown, or has been dropped.
         """
         if name not in self._plans:
             raise RefusedError(
@@ -80,7 +80,7 @@ class PlanRegistry:
         """Sample the path of a plan.
 
         Raises:
-            RefusedError: The plan is unknown, or no longer kept.
+            RefusedError: The plan is unknown, or has been dropped.
         """
         plan = self.get(name)
         step_s = max(_STEP_S, plan.duration_s / _MAX_SAMPLES)
@@ -146,7 +146,7 @@ def plan_from_fields(
     The fields are from ``PlanRegistry.add`` on the server; ``fetch`` returns samples by plan id.
 
     Raises:
-        IkservoError: The fields are from another version of ikservo.
+        IkservoError: The fields are from a different version of ikservo.
     """
     match fields:
         case {"plan": str(name), "solution": solution, "duration_s": float(duration_s), **plain}:

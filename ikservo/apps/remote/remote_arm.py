@@ -62,7 +62,7 @@ class RemoteArm(MotionMethods):
         on_exit: The torque after ``close``: ``hold`` or ``relax``.
 
     Raises:
-        InputError: The served arm has other joints than the model.
+        InputError: The served arm's joints differ from the model's.
     """
 
     is_remote = True
@@ -87,7 +87,7 @@ class RemoteArm(MotionMethods):
         """Return the arm; leaving the block closes it.
 
         Raises:
-            PortError: The arm was closed before.
+            PortError: The arm has already been closed.
         """
         if not self._connection.is_open:
             raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
@@ -100,7 +100,7 @@ class RemoteArm(MotionMethods):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """All joints, in the order of vectors (n,)."""
+        """All joints, in the order used in vectors (n,)."""
         return self._described.joints
 
     @property
@@ -113,12 +113,12 @@ class RemoteArm(MotionMethods):
         return self._described.lower, self._described.upper
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
-        """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        """Return the minimum clearance of the body [m]; see ``Arm.clearance_m``."""
         given = parse_all_positions(positions, self.joint_names)
         return parse_result(float, self._connection.watch("clearance", positions=given))
 
     def where(self) -> ArmState:
-        """Measure tip, joints and health."""
+        """Measure the tip, the joints and the servos' health."""
         return parse_result(ArmState, self._connection.watch("where"))
 
     def last_state(self) -> ArmState:
@@ -301,7 +301,7 @@ class RemoteArm(MotionMethods):
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
     ) -> dict[str, float]:
-        """Save the measured joints as a pose on the machine of the arm; see ``Arm.teach``."""
+        """Save the measured joint positions as a pose on the arm's machine; see ``Arm.teach``."""
         check_callable("until", until)
         self.poses.check_name(name)
         if until is not None:

@@ -23,8 +23,8 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
     """Request the description of an arm, and compare it with the local model.
 
     Raises:
-        InputError: The arm has other joints.
-        IkservoError: The answer is from another version of ikservo.
+        InputError: The arm's joints differ from the model's.
+        IkservoError: The answer is from a different version of ikservo.
     """
     said = parse_result(dict[str, object], connection.watch("describe"))
     known = {each.name for each in fields(ArmDescription)}  # a newer version may have more fields

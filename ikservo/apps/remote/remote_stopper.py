@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class RemoteStopper:
-    """Stops arms on other machines, whoever controls them; see `ikservo.cli.quick_stop`."""
+    """Stopper of arms on other machines, whoever controls them; see `ikservo.cli.quick_stop`."""
 
     scheme = SCHEME
 

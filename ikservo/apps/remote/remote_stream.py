@@ -22,7 +22,7 @@ _CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
 
 
 class RemoteStream:
-    """Streams setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
+    """Stream of setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
 
     Attributes:
         sent: The number of setpoints that were sent.
@@ -76,7 +76,7 @@ class RemoteStream:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints, in the order of arrays (n,)."""
+        """The joints, in the order used in arrays (n,)."""
         return self._arm.joint_names
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:

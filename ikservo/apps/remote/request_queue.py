@@ -25,11 +25,11 @@ _THREADS = 4
 
 
 class RequestQueue:
-    """Answers the requests for one key expression; Zenoh calls it in its own thread.
+    """Queue of the requests for one key expression; Zenoh calls it in a separate thread.
 
     Args:
         key: ``…/*`` for services by name, or the key of one service.
-        answer: Runs the request of a service; returns the result.
+        answer: Runs the request for a service; returns the result.
         check: Refuses a request for a service on arrival.
         requested: Called with a request on arrival; returns the context for its answer.
         quick: Services of an operator that do not wait for earlier requests; all others of

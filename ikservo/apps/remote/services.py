@@ -87,7 +87,7 @@ class Taught(Arguments):
 
 
 class InPose(Arguments):
-    """Arguments with a pose, and the joints at which the arm is assumed to be."""
+    """Arguments with a pose, and the assumed present joint positions."""
 
     pose: Name
     start: FloatArray | None = None
@@ -106,7 +106,7 @@ def parse_arguments(kind: type[Arguments], given: Mapping[str, JsonValue]) -> Ar
     """Parse the arguments of a request.
 
     Raises:
-        InputError: An argument is missing, unknown, or of another type.
+        InputError: An argument is missing, unknown, or of the wrong type.
     """
     try:
         return kind.model_validate(given)

@@ -20,7 +20,7 @@ _POLL_S = 0.05
 
 
 class SetpointInbox:
-    """Stores the newest goal, and whether the operator wants the motion to continue.
+    """Store of the newest goal, and of whether the operator wants the motion to continue.
 
     Setpoints may overtake the request that starts their motion. Therefore, setpoints that arrive
     before ``begin`` are kept, and are used if they were sent after that request.
@@ -35,7 +35,7 @@ class SetpointInbox:
         self._goal_s = math.inf
 
     def begin(self, lease: str, number: int) -> None:
-        """Start the motion of a numbered request under a lease; setpoints sent later are used."""
+        """Start the motion of a lease's numbered request; use setpoints sent after the request."""
         with self._changed:
             self._begun, self._closed, self._goal_s = (lease, number), False, math.inf
 
@@ -103,7 +103,7 @@ class SetpointInbox:
 
 
 class _Pace:
-    """Slows simulated time down to the real time of the operator."""
+    """Pace that slows simulated time down to the real time of the operator."""
 
     def __init__(self, arm: OpenArm) -> None:
         self._clock = arm.clock

@@ -115,8 +115,8 @@ class Setpoint(_NetworkMessage):
         sent_s: Time of sending, by the clock of the server.
         wanted: Whether a jog or the stream of goals continues; None if that has not changed.
         positions: The goal: joint positions by name, rad or m.
-        pose: The goal as a pose of the tip, T_base_tip (4, 4), instead of joints.
-        target: The goal as a target, instead of joints.
+        pose: The goal as a pose of the tip, T_base_tip (4, 4), instead of joint positions.
+        target: The goal as a target, instead of joint positions.
     """
 
     schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
@@ -249,7 +249,7 @@ def parse_result(kind: type[T], result: object) -> T:
     """Return a decoded result after its type was checked, or plain values were converted to it.
 
     Raises:
-        IkservoError: The result has another type, so the other end runs another version.
+        IkservoError: The result has the wrong type, so the other end runs a different version.
     """
     if kind in RESULT_TYPES.values():
         if not isinstance(result, kind):

@@ -32,7 +32,7 @@ class ZenohNetwork:
         Raises:
             BadValueError: The text is not an address.
             PortError: The arm cannot be reached, or no arm of that name is served there.
-            InputError: The arm there has other joints than the model.
+            InputError: The arm's joints differ from the model's.
         """
         connection = connect(parse_address(address))
         try:

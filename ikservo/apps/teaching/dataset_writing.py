@@ -56,7 +56,7 @@ class NewEpisode:
 
 
 class DatasetWriter:
-    """Adds episodes to a data set: a new one, or one that was written for the same arm.
+    """Writer of episodes to a data set: a new one, or one that was written for the same arm.
 
     Args:
         folder: The folder of the data set.
@@ -67,7 +67,7 @@ class DatasetWriter:
 
     Raises:
         InputError: pyarrow is not installed, or the folder has other content.
-        FileFormatError: The data set is damaged, or has other joints, cameras or another rate.
+        FileFormatError: The data set is damaged, or differs in joints, cameras or rate.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class DatasetWriter:
         """Write the episodes as one file of data, and the metadata of all episodes.
 
         Raises:
-            InputError: The pictures have another size than those of earlier episodes.
+            InputError: The pictures differ in size from those in the data set.
             FileWriteError: A file cannot be written; the data set is as before.
         """
         features = self._feature_table(episodes[0])

@@ -100,7 +100,7 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
         until: Called in every control cycle; returns True to end.
 
     Returns:
-        The final joints, rad or m by name.
+        The final positions, rad or m by joint.
 
     Raises:
         CalibrationError: The arm is not calibrated, so gravity is unknown.

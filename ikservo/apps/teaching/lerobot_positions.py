@@ -33,7 +33,7 @@ def positions_of_lerobot(
     ``calibration`` has the zeros of the geometry.
 
     Raises:
-        CalibrationError: A joint is missing from a calibration, or has another servo.
+        CalibrationError: A joint is missing from a calibration, or has a different servo.
     """
     recorded = {joint.name: joint for joint in joints}
     columns: list[Vector] = []

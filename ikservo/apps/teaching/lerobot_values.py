@@ -54,7 +54,7 @@ class JointValues:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The joints, in the order of the vectors."""
+        """The joints, in the order used in the vectors."""
         return tuple(joint.name for joint in self._joints)
 
     @property

@@ -31,7 +31,7 @@ def _listener(on_subscribe: Callable[[str], None]) -> object:
 
 
 class FoxgloveServer:
-    """Serves messages to all connected Foxglove clients.
+    """Server that sends messages to all connected Foxglove clients.
 
     Args:
         port: The TCP port, on this machine only; 0 for any free port.

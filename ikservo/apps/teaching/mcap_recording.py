@@ -62,7 +62,7 @@ _MAX_LAYOUTS = 1000
 
 
 class MessageSink(Protocol):
-    """Receives the messages of a recording."""
+    """Receiver of the messages of a recording."""
 
     def publish(self, message: RosMessage, /) -> None:
         """Receive one message."""
@@ -135,7 +135,7 @@ class RecordedArm:
 
 
 class McapFile:
-    """Writes messages into an MCAP file.
+    """Writer of messages to an MCAP file.
 
     Args:
         path: A new file.
@@ -187,7 +187,7 @@ class McapFile:
             self._writer.flush()
 
     def close(self) -> None:
-        """Write the index and close the file; it then replaces an existing file.
+        """Write the index and close the file, which then replaces any file of the same name.
 
         Raises:
             FileWriteError: The disk is full or not writable.
@@ -203,7 +203,7 @@ class McapFile:
 
 
 class _NamingTheFile:
-    """Converts a system error to an error that names the file."""
+    """Conversion of a system error to an error that names the file."""
 
     def __init__(self, target: RecordingFile) -> None:
         self._target = target
@@ -237,7 +237,7 @@ class _WholeWrites:
 
 
 class RosRecordingWriter:
-    """Converts samples to messages, and passes them to sinks.
+    """Converter from samples to messages, which it passes to sinks.
 
     Attributes:
         samples: The number of samples that were written.
@@ -315,7 +315,7 @@ def read_attachment(path: Path, name: str) -> str | None:
 
 
 def read_mcap(path: Path) -> Recording:
-    """Read the joints from an MCAP file that ``ikservo record`` or ROS 2 wrote.
+    """Read the joint positions from an MCAP file that ``ikservo record`` or ROS 2 wrote.
 
     Raises:
         FileFormatError: The file cannot be read, or has no joint states.
@@ -327,10 +327,10 @@ def read_mcap(path: Path) -> Recording:
 
 
 class _JointStateReader:
-    """Collects joint states from the records of a file.
+    """Collector of joint states from the records of a file.
 
     Joints that are published separately are merged: samples begin when all of them are known.
-    Samples are sorted by time stamp, because messages of several publishers arrive in any order.
+    Samples are sorted by time stamp, because messages from several publishers arrive in any order.
     """
 
     def __init__(self, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Read MCAP records without inflating more than the stated size."""
+"""Read MCAP records without inflating more than the declared size."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class _BoundedReads:
 
 
 def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterator[Any]:  # noqa: ANN401  # mcap's
-    """Return the records in a chunk, inflated to at most its stated size; pass other records on.
+    """Return the records in a chunk, inflated to at most its declared size; pass other records on.
 
     Raises:
         FileFormatError: The inflated size is too large.

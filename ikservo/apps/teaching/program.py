@@ -347,6 +347,6 @@ def write_program(path: Path, program: Program) -> None:
     """Write a program as a file.
 
     Raises:
-        FileWriteError: The file cannot be written; an older file is unchanged.
+        FileWriteError: The file cannot be written; an existing file is unchanged.
     """
     write_atomic(path, tomli_w.dumps(program.model_dump(exclude_defaults=True) | {"format": 1}))

@@ -136,7 +136,7 @@ def record_open_arm(
     overwrite: bool = False,
     foxglove_port: int | None = None,
 ) -> RecordResult:
-    """Write the measured joints to a file at a fixed rate; torque stays unchanged.
+    """Write the measured joint positions to a file at a fixed rate; torque stays unchanged.
 
     Ctrl-C ends the recording; the file is then complete.
 
@@ -153,7 +153,7 @@ def record_open_arm(
     Raises:
         BadValueError: The file exists, or a number is out of its range.
         FileWriteError: The file cannot be written.
-        ServoSilentError: A servo does not answer; earlier samples are kept.
+        ServoSilentError: A servo does not answer; the samples so far are kept.
     """
     settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
     if isinstance(arm, Arm):
@@ -176,7 +176,7 @@ def _positions_only(context: ArmContext) -> Callable[[], ArmSample]:
 
 
 class _OwnArm:
-    """Measures the joints at each call, and the health of the servos every second."""
+    """Sampler of the joint positions at each call, and of the servos' health every second."""
 
     def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
         self._context, self._runner = context, runner

@@ -132,7 +132,7 @@ class ArmSample:
 
 
 class RecordingWriter:
-    """Writes a recording line by line.
+    """Writer of a recording, line by line.
 
     Args:
         path: A new file.

@@ -100,7 +100,7 @@ class TrackedPose:
 
 
 class _HandEstimate:
-    """Estimates pose and velocity of a hand from its noisy samples (fading memory filter).
+    """Estimator of a hand's pose and velocity from noisy samples (fading memory filter).
 
     Args:
         tracked: The first pose.
@@ -152,7 +152,7 @@ class _HandEstimate:
 
 
 class PoseFilter:
-    """Moves the goal of the chain with a hand, while the clutch is closed.
+    """Control of the chain's goal by a hand, while the clutch is closed.
 
     When the clutch closes, the poses of hand and tip are latched; from then on the tip repeats the
     motion of the hand relative to them, so nothing moves at that moment. A pose that a hand cannot

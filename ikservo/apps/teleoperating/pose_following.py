@@ -91,7 +91,7 @@ class _PoseGoals:
         self.ended, self.unreached = "", 0
 
     def on_progress(self, progress: MotionProgress) -> None:
-        """Store the measured joints, and in the first cycle the setpoints as the first goal."""
+        """Store the measured positions, and in the first cycle the setpoints as the first goal."""
         self._measured = progress.joints_rad
         if not len(self._goal):
             self._goal = progress.setpoints_rad.copy()
@@ -122,7 +122,7 @@ class _PoseGoals:
             yield self._index.by_name(self._goal)
 
     def _move_gripper(self, elapsed_s: float) -> None:
-        """Move the gripper's goal towards the wanted opening, within limits of speed and lead."""
+        """Move the gripper's goal towards the wanted opening, within limits on speed and lead."""
         gripper = self._context.model.gripper
         if gripper is None or self._opening is None:
             return

@@ -93,7 +93,7 @@ def provision(
 
 
 def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> None:
-    """Give one servo on a line another id and baud rate, and verify both.
+    """Give one servo on a line a new id and baud rate, and verify both.
 
     The servo replies at the port's rate, and its torque goes off; the port gets the new rate.
 

@@ -68,7 +68,7 @@ def measure_line_quality(
 
 
 class MeteredTransport:
-    """Wraps a transport and measures its bytes and processor time.
+    """Wrapper around a transport that measures its bytes and processor time.
 
     Attributes:
         inside_s: Processor time spent in the transport so far, seconds, without waiting.

@@ -75,7 +75,7 @@ def decode_packets(
 
 
 class _Decoder:
-    """Decodes replies with the help of the latest instruction."""
+    """Decoder of replies, with the help of the latest instruction."""
 
     def __init__(self, tables: Mapping[int, type[ControlTable]]) -> None:
         self._tables = tables

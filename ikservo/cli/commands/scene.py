@@ -76,7 +76,7 @@ def check(file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False) -
 
 
 def _touched(model: Model) -> Iterator[tuple[str, str, str, float]]:
-    """Yield each pose, the touching part of the arm, the touched thing, and the depth [m]."""
+    """Yield each pose that touches a thing, with the link, the thing and the depth [m]."""
     from ikservo.arm.opening import make_collision_checker  # noqa: PLC0415  # loads the kernels
 
     checker = make_collision_checker(model)

@@ -1,4 +1,4 @@
-"""``ikservo solve``: find joints for a point, without any hardware."""
+"""``ikservo solve``: find joint positions for a point, without any hardware."""
 
 from __future__ import annotations
 

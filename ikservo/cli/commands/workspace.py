@@ -53,7 +53,7 @@ def point_fields(
 
 
 def point_lines(model: Model, point_m: Sequence[float] | None, found: Result | None) -> list[str]:
-    """Return the text lines of a requested point; empty if none was requested."""
+    """Return the lines of text about a requested point; empty if none was requested."""
     if point_m is None or found is None:
         return []
     if found.reached:
@@ -90,7 +90,7 @@ def region_fields(cut: Slice | None, region: Workspace | None) -> dict[str, obje
 
 
 def region_lines(model: Model, cut: Slice | None, region: Workspace | None) -> list[str]:
-    """Return the text lines of a slice or a volume; empty if there is none."""
+    """Return the lines of text about a slice or a volume; empty if there is none."""
     if region is None:
         return []
     size = f"{region.size:.4f} {'m²' if region.is_slice else 'm³'}"

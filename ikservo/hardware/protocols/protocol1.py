@@ -176,7 +176,7 @@ class Protocol1Driver:
         return False
 
     def ping(self, servo_id: int) -> Reply:
-        """Ping a servo; the reply of this protocol has no data (F14)."""
+        """Ping a servo; a reply in this protocol has no data (docs/sdk-defects.md F14)."""
         return self._request_packet(servo_id, _PING, b"")
 
     def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:

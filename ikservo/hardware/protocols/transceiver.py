@@ -94,7 +94,7 @@ class ReplyReader:
         return early <= 0
 
     def _parse_received(self, *, final: bool) -> None:
-        """Find frames and replies in all received bytes, after the echo of the request (F12)."""
+        """Find frames and replies in all received bytes, after the echo of the request, if any."""
         raw, sent = bytes(self._raw), self._port.sent
         if self._port.echoes is not False:
             # The reply to a ping may consist of the same bytes as the ping.
@@ -172,7 +172,7 @@ _NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Sends requests on a port and receives the replies."""
+    """Sender of requests on a port, and receiver of the replies."""
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec

@@ -259,7 +259,7 @@ class _Fixture:
 
 
 class Drag:
-    """Converts pointer, wheel and key events to commands.
+    """Converter from pointer, wheel and key events to commands.
 
     Attributes:
         moved_thing: The object that is dragged, or was dragged last; None after another press.

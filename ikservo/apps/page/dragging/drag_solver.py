@@ -64,7 +64,7 @@ class DragSolution:
 
 
 class DragSolver:
-    """Solves drag commands; the joints beyond a grabbed link stay as they are.
+    """Solver of drag commands; the joints beyond a grabbed link stay as they are.
 
     Attributes:
         method: ``auto``, or one of ``ikservo.ik.METHODS``.
@@ -137,7 +137,7 @@ class DragSolver:
         return leaning if leaning.reached else found
 
     def _iterate_method(self, command: DragTarget, start: Vector) -> DragSolution:
-        """Run the chosen method from the current joints; the next frame continues."""
+        """Run the chosen method from the current joint positions; the next frame continues."""
         posture = self._posture_for(command.target)
         for count in (_ITERATIONS, _EXTRA_ITERATIONS):  # the error may grow before it decreases
             found = solve(
@@ -165,7 +165,7 @@ class DragSolver:
         return Posture(self.posture.q, weights)
 
     def _limit_step(self, start: Vector, q: Vector) -> tuple[Vector, bool]:
-        """Limit the step to 8° per joint; return the joints, and whether the step was scaled."""
+        """Limit the step to 8° per joint; return the positions, and whether it was scaled."""
         max_distance = _max_joint_distance(q, start)
         if max_distance <= MAX_STEP_RAD:
             return q, False

@@ -15,14 +15,14 @@ _ONE_GESTURE_S = 0.7  # messages of one kind within this time are one gesture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastGoal:
-    """An earlier target: goal of all joints (n,), rad or m, and marker; either may be None."""
+    """A previous target: goal of all joints (n,), rad or m, and marker; either may be None."""
 
     goal: Vector | None
     marker: TargetMarker | None
 
 
 class GoalHistory:
-    """Earlier targets, and targets that were undone."""
+    """Previous targets, and targets that were undone."""
 
     def __init__(self) -> None:
         self._past: deque[PastGoal] = deque(maxlen=_MAX_GOALS)
@@ -31,7 +31,7 @@ class GoalHistory:
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an earlier target."""
+        """Whether there is a previous target."""
         return bool(self._past)
 
     @property
@@ -62,7 +62,7 @@ class GoalHistory:
         """Return the target before the present one.
 
         Raises:
-            InputError: There is no earlier target.
+            InputError: There is no previous target.
         """
         if not self._past:
             raise InputError("There is nothing to undo.", "The target stays.")

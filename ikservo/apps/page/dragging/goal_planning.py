@@ -224,7 +224,7 @@ def _plan_to_goal(planner: PreflightPlanner, arm: Arm, request: PlanRequest) -> 
 
 
 class GoalPlanner:
-    """Plans one path at a time in its own thread; a newer request replaces the running one.
+    """Planner of one path at a time, in a thread; a new request replaces the running one.
 
     Attributes:
         path: The path to the goal; None if there is none.

@@ -22,7 +22,7 @@ _MAX_REMEMBERED = 64
 
 
 class HandControl:
-    """Moves the goal with the user's hand while the clutch is closed.
+    """Control of the goal by the user's hand while the clutch is closed.
 
     Each press of the user has a number. Once the clutch has opened, for any reason, the same
     press does not close it again.
@@ -58,7 +58,7 @@ class HandControl:
             self._filter.release()
 
     def refuse(self, message: TrackHand) -> None:
-        """Open the clutch; the press that a message belongs to cannot close it again."""
+        """Open the clutch; the button press that sent the message cannot close it again."""
         self.release()
         if message.held:
             self.limit = _LET_GO

@@ -17,7 +17,7 @@ _MAX_GRIP_STEP_S = 0.1  # a longer gap between two messages counts as released
 
 
 class GripperControl:
-    """Integrates the gripper's speed while a button is held.
+    """Integrator of the gripper's speed while a button is held.
 
     Args:
         column: Index of the gripper among all joints.
@@ -69,7 +69,7 @@ _LEAD_M = 0.05  # largest lead of the target if the arm cannot follow
 
 
 class GamepadControl:
-    """Integrates the deflection of the sticks into a target."""
+    """Integrator that turns the deflection of the sticks into a target."""
 
     def __init__(self) -> None:
         self._target_m: Vector | None = None

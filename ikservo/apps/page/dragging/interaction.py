@@ -46,7 +46,7 @@ _MAX_WARNINGS = 6
 
 
 class Interaction:
-    """Turns input messages into the goal of all joints; without a goal the arm holds.
+    """Converter from input messages to the goal of all joints; without a goal, the arm holds.
 
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.

@@ -14,7 +14,7 @@ from ikservo.maintenance.dialogue import HandRequest, Question
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmCommand:
-    """The command of the client in control; a new command replaces the last one.
+    """The command from the client in control; a new command replaces the last one.
 
     Attributes:
         live: Whether the arm follows the goal.

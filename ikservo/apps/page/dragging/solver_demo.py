@@ -57,7 +57,7 @@ class SolverTrace:
         return len(self.numbers)
 
     def distance_left_m(self, step: int) -> float:
-        """Compute the distance of the tip from the target at a step."""
+        """Compute the distance from the tip to the target at a step."""
         return math.dist(self.lines_m[step, -1], self.target_m)
 
     @cached_property

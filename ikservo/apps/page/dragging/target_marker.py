@@ -35,5 +35,5 @@ class TargetMarker:
 
     @property
     def gap_m(self) -> float:
-        """Distance of the nearest point from the target."""
+        """Distance from the nearest point to the target."""
         return float(np.linalg.norm(self.target_m - self.nearest_m))

@@ -126,7 +126,7 @@ class ToolDrag:
 
 
 class ToolPoseSolver:
-    """Tracks tool poses on the present IK branch: the position first, then the orientation."""
+    """Tracker of tool poses on the present IK branch: the position first, then the orientation."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain, self._plane = chain, ArmPlane(chain)

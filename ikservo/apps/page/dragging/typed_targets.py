@@ -100,7 +100,7 @@ class JointRanges:
 
 
 class ToolTargets:
-    """Solves targets of the tool: one value is given, the other values stay if possible."""
+    """Solver of tool targets: one value is given, the other values stay if possible."""
 
     def __init__(self, arm: Arm) -> None:
         self._chain, self._tool = arm.chain, tool_frame(arm.model)

@@ -121,7 +121,7 @@ _MAX_CACHED = 64
 
 
 class ReachableRegionCache:
-    """Computes one region at a time in the background; callers poll ``get``."""
+    """Computation of one region at a time in the background; callers poll ``get``."""
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain

@@ -364,7 +364,7 @@ class RecordEpisode(PageMessage):
 
 
 class RunPanelMotion(PageMessage):
-    """Start the motion of a button in the panel of an app."""
+    """Start the motion that a button in an app's panel offers."""
 
     kind: Literal["run_panel_motion"]
     heading: Annotated[str, Field(max_length=64)]
@@ -388,7 +388,7 @@ class WriteRegister(PageMessage):
 
 
 class CalibrationAnswer(PageMessage):
-    """User input of a calibration; ``start`` starts it and ``cancel`` ends it.
+    """User input for a calibration; ``start`` starts it and ``cancel`` ends it.
 
     ``number`` is the screen on which the answer was given; answers to other screens are ignored.
     """
@@ -450,7 +450,7 @@ _HELLO = TypeAdapter(Hello)
 
 
 def read_hello(text: str) -> Hello:
-    """Parse the first message of a connection.
+    """Parse the first message on a connection.
 
     Raises:
         BadMessageError: The message is not a valid ``Hello``.

@@ -21,7 +21,7 @@ class AddStep(PageMessage):
     """Add a step.
 
     Attributes:
-        what: The present joints, the joints of the shown target, a named pose, a recording, the
+        what: The present joint positions, those of the shown target, a named pose, a recording, the
             gripper, or a wait.
         path: The path to the present pose or the target: a joint motion, or a line of the tip.
         pose: The name of a named pose.

@@ -24,7 +24,7 @@ MakePanel = Callable[[Model, Mapping[str, float]], Panel]
 
 
 class RunMotion:
-    """Runs the motion of a panel button (``ArmJob``).
+    """Job that runs the motion that a panel button offers (``ArmJob``).
 
     Args:
         title: The text of the button.
@@ -47,7 +47,7 @@ class RunMotion:
 
 
 class AppPanels:
-    """Shows the panels of all apps; a panel that fails is replaced by its error."""
+    """The panels of all apps; a panel that fails is replaced by its error."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
         self._arm_thread, self._clock = arm_thread, clock
@@ -82,7 +82,7 @@ class AppPanels:
         return [{"kind": "app_panels", "panels": shown}]
 
     def start(self, heading: str, button: str) -> None:
-        """Start the motion of a button.
+        """Start the motion that a button offers.
 
         Raises:
             BadMessageError: There is no such button.

@@ -56,7 +56,7 @@ class CameraView:
         tip_clicks: The number of clicks.
 
     Raises:
-        CalibrationError: The arm has no calibrated camera, or was calibrated with another camera.
+        CalibrationError: The arm has no calibrated camera, or a different one was calibrated.
         FileFormatError: A file about the camera is damaged.
     """
 

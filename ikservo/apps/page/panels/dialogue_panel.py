@@ -52,7 +52,7 @@ class LeaveDialogue(PageMessage):
 
 
 class DialoguePanel:
-    """Runs one dialogue at a time in a process of its own, and keeps its state for the page.
+    """Runner of one dialogue at a time, in a separate process; holds its state for the page.
 
     *Stop all* closes the pipe to that process, which checks it before each step of a motion.
 

@@ -215,8 +215,8 @@ def resample(
     """Convert samples to an episode at the rate of the data set.
 
     Joints and set-points are interpolated between the times at which they were read; each frame
-    has the newest picture before it. The action is the set-point; without a control loop, it is
-    the joints of the next frame.
+    has the newest picture before it. The action is the set-point; without a control loop, it is the
+    joint positions in the next frame.
     """
     begin_s, end_s = samples[0].time_s, samples[-1].time_s
     grid_s = begin_s + np.arange(1 + int((end_s - begin_s) * FPS + 1e-6)) / FPS

@@ -24,7 +24,7 @@ FindArm = Callable[[str], ArmThread | None]
 
 
 class FollowPanel:
-    """Couples the arm to a leader, another arm of the page, and shows its lag."""
+    """Coupling of the arm to a leader, another arm of the page, with a display of its lag."""
 
     def __init__(self, arm_thread: ArmThread, clock: Clock, find_arm: FindArm) -> None:
         self._arm_thread, self._clock, self._find_arm = arm_thread, clock, find_arm
@@ -74,7 +74,7 @@ class FollowPanel:
             self._job.finish()
 
     def frames(self, client: Client) -> list[Frame]:
-        """Return new frames about the leader for a client."""
+        """Return the frame with the leader's name and lag, unless the client already has it."""
         job, now_s = self._job, self._clock.now_s()
         if job is not None and self._arm_thread.job is not job:
             self._job, self._reported_s = None, -math.inf

@@ -25,10 +25,10 @@ HEADING = "What to pick up"
 
 @dataclass(slots=True, eq=False)
 class _GraspChoice:
-    """The thing or place that the user chose; any change of ``before`` withdraws the choice.
+    """The thing or place that the user chose; withdrawn once circumstances differ from ``before``.
 
-    ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key`` is
-    the goal in plan requests; it only distinguishes this choice from other choices.
+    ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key``
+    takes the place of the goal in plan requests, only to distinguish this choice from others.
     """
 
     before: object
@@ -40,7 +40,7 @@ class _GraspChoice:
 
 
 class GraspOffer:
-    """The pick or place that was chosen last; ``GoalPlanner`` plans it in its own thread.
+    """The pick or place that was chosen last; ``GoalPlanner`` plans it in a separate thread.
 
     Args:
         arm_thread: Owns the arm.

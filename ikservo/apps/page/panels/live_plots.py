@@ -36,7 +36,7 @@ class _Plot:
 
 
 class PlotFeed:
-    """Sends each page the channels that it plots; a page whose plots are closed gets nothing."""
+    """Feed of the channels that each page plots; a page whose plots are closed gets nothing."""
 
     def __init__(self) -> None:
         self._plots: dict[int, _Plot] = {}

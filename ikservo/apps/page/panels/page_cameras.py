@@ -19,7 +19,7 @@ from ikservo.files.public_source import public_source
 
 
 class PageCameras:
-    """Finds the pictures that belong to each arm.
+    """Lookup of the pictures that belong to each arm.
 
     Args:
         clock: Clock for the time stamps of pictures.

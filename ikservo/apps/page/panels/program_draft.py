@@ -192,7 +192,7 @@ class ProgramDraft:
 
         Raises:
             InputError: The program has no steps, or another program has that name.
-            FileWriteError: The file cannot be written; an older file is unchanged.
+            FileWriteError: The file cannot be written; an existing file is unchanged.
         """
         path, program = self.folder.file(name), self.program()
         if name != self.name and path.exists() and not overwrite:

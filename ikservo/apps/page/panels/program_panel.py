@@ -25,7 +25,7 @@ _DEG_PLACES, _M_PLACES, _TIP_PLACES = 2, 5, 4
 
 
 class ProgramPanel:
-    """Edits the program and asks the arm thread to play it."""
+    """Editor of the program; asks the arm thread to play it."""
 
     def __init__(self, arm_thread: ArmThread, folder: ProgramFolder | None = None) -> None:
         self._arm_thread = arm_thread

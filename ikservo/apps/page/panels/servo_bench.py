@@ -93,7 +93,7 @@ _MESSAGES: TypeAdapter[BenchMessage] = TypeAdapter(
 
 
 def read_bench_message(text: str) -> BenchMessage:
-    """Parse and validate a message of the page.
+    """Parse and validate a message from the page.
 
     Raises:
         BadMessageError: The message is too long, not JSON, or not one of the messages above.
@@ -137,7 +137,7 @@ class _Page:
 
 
 class ServoBench:
-    """Serves the pages that show the servos on a port (``SessionBackend``).
+    """Backend of the pages that show the servos on a port (``SessionBackend``).
 
     Args:
         port: The port, as the user named it.
@@ -183,7 +183,7 @@ class ServoBench:
             self._stop_trial()
 
     def receive(self, client_id: int, message: BenchMessage) -> None:
-        """Queue a request of a page.
+        """Queue a request from a page.
 
         Raises:
             BadMessageError: The request is not permitted, or too many requests are waiting.
@@ -246,7 +246,7 @@ class ServoBench:
             return None
 
     def _work(self, line: ServoLine) -> bool:
-        """Handle a request of a page, or take a sample; return False to search the port again.
+        """Handle a request from a page, or take a sample; return False to search the port again.
 
         Raises:
             PortError: The port is lost.

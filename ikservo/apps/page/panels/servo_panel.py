@@ -51,7 +51,7 @@ def _is_written_here(name: str) -> bool:
 
 
 class ServoPanel:
-    """Shows one servo's control table and writes its registers, in the thread of the arm."""
+    """Display of one servo's control table, and writer of its registers, in the arm's thread."""
 
     def __init__(self, arm_thread: ArmThread) -> None:
         self._arm_thread = arm_thread
@@ -93,7 +93,7 @@ class ServoPanel:
 
 
 class _ServoJob:
-    """Writes a register of a servo, if one is named, and reads its table (``ArmJob``)."""
+    """Job that writes a servo's register, if one is named, and reads its table (``ArmJob``)."""
 
     is_planned = False
 

@@ -40,7 +40,7 @@ AddOtherArm = Callable[[str], None]
 
 
 class ThingsPanel:
-    """Shows and changes the things around an arm; offers them as a scene file for download."""
+    """Editor of the things around an arm; offers them as a scene file for download."""
 
     def __init__(
         self,
@@ -176,7 +176,7 @@ class ThingsPanel:
         return next(free, places[int(np.argmax(gaps_m))])
 
     def _gap_m(self, place: Vector, joints: Vector) -> float:
-        """Compute the distance of a new thing (3,) from the arm at joints (n,) and from things."""
+        """Compute the distance from a new thing (3,) to the arm at joints (n,) and to things."""
         context, gaps_m = self._arm.context, [math.inf]
         if context.collision is not None:
             for each in context.collision.capsules_at(context.index.body_joints(joints)):

@@ -45,7 +45,7 @@ def source_name(source: str) -> str:
 
 
 class VideoSource:
-    """Reads a camera in its own thread and keeps the newest picture.
+    """Reader of a camera in a separate thread; holds the newest picture.
 
     Args:
         source: The number of a camera, a device, an ``http://`` address or a file, which is
@@ -217,7 +217,7 @@ class VideoSource:
 
 
 class PictureCapture:
-    """Takes single pictures from a source."""
+    """Camera that takes single pictures from a source."""
 
     def __init__(self, source: PictureSource) -> None:
         self._source = source

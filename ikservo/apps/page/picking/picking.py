@@ -51,7 +51,7 @@ class Hit:
 
 
 class Picker:
-    """Finds links, or objects of the scene, at pixels by their shapes."""
+    """Picker of links, or objects of the scene, at pixels, by their shapes."""
 
     def __init__(self, shapes: Mapping[str, PickShape]) -> None:
         self._shapes = shapes
@@ -136,7 +136,7 @@ class PickCandidate(NamedTuple):
 
 
 class HitTester:
-    """Finds links, objects and joints at pixels; objects are in the base frame."""
+    """Hit test for links, objects and joints at pixels; objects are in the base frame."""
 
     def __init__(self, chain: Chain, picker: Picker, objects: Picker | None = None) -> None:
         self._chain, self._picker, self._objects = chain, picker, objects

@@ -25,7 +25,7 @@ class PickShape:
     """The capsules of a link and the box around them, or a thing of the scene: only a box.
 
     Attributes:
-        box_m: Low and high corner of the box (2, 3), own coordinates, metres.
+        box_m: Low and high corner of the box (2, 3), local coordinates, metres.
         capsules: Both ends and the radius of each capsule (n, 7), metres; empty for a thing.
     """
 
@@ -34,7 +34,7 @@ class PickShape:
 
     @property
     def corners_m(self) -> Matrix:
-        """The corners of the box (8, 3), own coordinates, metres."""
+        """The corners of the box (8, 3), local coordinates, metres."""
         low, high = self.box_m
         return low + _CORNERS * (high - low)
 

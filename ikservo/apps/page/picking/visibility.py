@@ -67,7 +67,7 @@ class LinkVisibility:
 
 
 class VisibilityChecker:
-    """Computes the visibility of one arm's links, for any posture and eye.
+    """Computation of the visibility of one arm's links, for any posture and eye.
 
     Args:
         model: The arm; its boxes and the table occlude what is behind them.
@@ -200,7 +200,7 @@ _CONDITIONING_PERIOD_S = 0.3  # update period for a reader
 
 
 class PostureAnalyser:
-    """Runs one analysis at a time in the background; callers poll ``get``."""
+    """Runner of one analysis at a time in the background; callers poll ``get``."""
 
     def __init__(self, chain: Chain, visibility: VisibilityChecker, clock: Clock) -> None:
         self._chain, self._visibility, self._clock = chain, visibility, clock

@@ -15,7 +15,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 class JobObserver(Protocol):
-    """Shows the arm during a job, and stops the arm if the page falls silent."""
+    """Observer that shows the arm during a job, and stops the arm if the page falls silent."""
 
     def on_progress(self, progress: MotionProgress) -> None:
         """Receive the state of a motion in each control cycle."""
@@ -90,7 +90,7 @@ def refusals_logged(arm: Arm, observer: JobObserver) -> Generator[None]:
 
 
 class ExecutePath:
-    """Executes the planned path that the page shows."""
+    """Job that executes the planned path that the page shows."""
 
     title = "Moving to the target of the preview"
     is_planned = True
@@ -124,7 +124,7 @@ class ExecutePath:
 
 
 class RelaxArm:
-    """Lowers the arm to its rest pose and switches torque off."""
+    """Job that lowers the arm to its rest pose and switches torque off."""
 
     title = "Lowering to rest, then going limp"
     is_planned = True
@@ -139,7 +139,7 @@ class RelaxArm:
 
 
 class ReleaseArm:
-    """Switches torque off at the present position of the arm."""
+    """Job that switches torque off at the present position of the arm."""
 
     title = "Going limp"
     is_planned = True
@@ -152,7 +152,7 @@ class ReleaseArm:
 
 
 class SetTipZero:
-    """Saves the zero from a click on the tip, and reopens the arm with that zero."""
+    """Job that saves the zero from a click on the tip, and reopens the arm with that zero."""
 
     title = "Reopening the arm with the new zero"
     is_planned = True

@@ -74,7 +74,7 @@ _RESTART_TEXT = "Torque stays on. Close this arm in the list of arms, then open 
 
 
 class ArmThread:
-    """Owns an arm; other threads post commands and read snapshots without waiting.
+    """Thread that owns an arm; other threads post commands and read snapshots without waiting.
 
     Args:
         open_arm: Opens the arm, also after its port was lost.

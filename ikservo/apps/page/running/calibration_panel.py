@@ -32,7 +32,7 @@ REFERENCE_POSE = "rest"
 
 
 class CalibrationDriver:
-    """Runs calibrations of one arm on one port.
+    """Runner of calibrations of one arm on one port.
 
     Args:
         model: The arm.

@@ -17,7 +17,7 @@ from ikservo.kinematics.arrays import Vector
 
 
 class FollowLeader:
-    """Follows a leader until ``finish`` is called (``ArmJob``).
+    """Job that follows a leader until ``finish`` is called (``ArmJob``).
 
     Attributes:
         lag: The lag of the arm.
@@ -66,6 +66,6 @@ class FollowLeader:
             )
 
     def _positions(self) -> Iterator[dict[str, float] | None]:
-        """Yield the leader's joints, once per control cycle."""
+        """Yield the leader's joint positions, once per control cycle."""
         while not self._finished.is_set():
             yield self.feed.positions()

@@ -38,10 +38,10 @@ class FollowLag:
 
 
 class LagMeter:
-    """Compares the motions of a leader, its follower's setpoints and the follower's joints.
+    """Comparison of the motions of a leader, its follower's setpoints and the follower's joints.
 
     Args:
-        names: The joints that both arms have, in the order of all arrays.
+        names: The joints that both arms have, in the order used in all arrays.
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:

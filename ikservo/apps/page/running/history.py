@@ -69,7 +69,7 @@ class HistorySlice:
 
 
 class History:
-    """Keeps samples of every joint and of the line in preallocated memory.
+    """Samples of every joint and of the line in preallocated memory.
 
     One thread records, others read: a reader that is overtaken drops the overwritten samples, so
     that no thread waits for another.

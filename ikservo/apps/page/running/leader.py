@@ -1,4 +1,4 @@
-"""An arm of the page that is guided by hand and publishes its joints for a follower."""
+"""An arm of the page that is guided by hand and publishes its joint positions for a follower."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SHOWN_EVERY = 3  # the page is updated every third sample, because that delays 
 
 
 class LeaderFeed:
-    """Passes the joints of a leader from its thread to the thread of its follower.
+    """Channel for the joint positions of a leader from its thread to its follower's thread.
 
     Args:
         name: The name of the leader, for messages; also an attribute.
@@ -65,7 +65,7 @@ class LeaderFeed:
 
 
 class LeadArm:
-    """Publishes the joints of an arm while another arm follows (``ArmJob``); moves nothing."""
+    """Job that publishes an arm's joint positions to a follower (``ArmJob``); moves nothing."""
 
     is_planned = False
 
@@ -74,7 +74,7 @@ class LeadArm:
         self._feed, self._clock = feed, feed.clock
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Publish the joints until no arm follows.
+        """Publish the joint positions until no arm follows.
 
         Raises:
             IkservoError: The arm was stopped, or a servo does not answer.

@@ -33,7 +33,7 @@ class LimpPicture:
         self._first: Mapping[int, int] = {}
 
     def positions(self, request: HandRequest | None) -> Vector:
-        """Compute the positions (n,) of the joints for drawing, rad or m, at a reading."""
+        """Compute the joint positions (n,) to draw, rad or m, from the readings in a request."""
         if request is None:
             return self._start
         if request.readings:
@@ -50,7 +50,7 @@ class LimpPicture:
 
 
 def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
-    """Show the request of a calibration in a scene: the pose to hold, then the joint to move."""
+    """Show in a scene what a calibration requests: the pose to hold, then the joint to move."""
     if view.item.stage == CalibrationStage.REFERENCE_POSE:
         pose = model.pose(REFERENCE_POSE)
         return replace(scene, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)

@@ -12,7 +12,7 @@ from ikservo.serving.lease import ArmLease
 
 
 class CycleObserver(Protocol):
-    """Receives every control cycle and provides the current command."""
+    """Receiver of every control cycle, and source of the current command."""
 
     @property
     def command(self) -> ArmCommand:
@@ -29,7 +29,7 @@ class CycleObserver(Protocol):
 
 
 class LiveSession:
-    """Provides the arm's goal while Live is on (``ikservo.arm.following.GoalSource``).
+    """Source of the arm's goal while Live is on (``ikservo.arm.following.GoalSource``).
 
     Attributes:
         session_id: Identifies the session.

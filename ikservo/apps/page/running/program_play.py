@@ -40,7 +40,7 @@ class PlayState:
 
 
 class ProgramPlay:
-    """Checks a program, then plays it (``ArmJob``). Nothing moves until the check has passed.
+    """Job that checks and plays a program (``ArmJob``). Nothing moves until the check has passed.
 
     Args:
         program: The program.
@@ -88,7 +88,7 @@ class ProgramPlay:
         self._continuing.set()
 
     def continue_from(self, before: ProgramPlay, number: int | None) -> None:
-        """Begin in the repetition in which an earlier play paused or stopped at the step."""
+        """Begin in the repetition in which a previous play paused or stopped at the step."""
         self._has_grasped = before._has_grasped
         if number is not None and number == before.state.step and before.state.phase != "bad":
             self._repetition = before.state.repetition

@@ -16,7 +16,7 @@ _SHOWN_EVERY = 5  # the page is updated every fifth sample, because reading take
 
 
 class RecordArm:
-    """Records the joints until ``finish`` is called (``ArmJob``); torque stays unchanged.
+    """Job that records joint positions until ``finish`` (``ArmJob``); torque stays unchanged.
 
     Args:
         folder: The folder for a new file with an unused name.
@@ -38,7 +38,7 @@ class RecordArm:
         self._finished.set()
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Record the joints until ``finish`` is called.
+        """Record the joint positions until ``finish`` is called.
 
         Raises:
             IkservoError: The arm was stopped, or a servo does not answer; the samples before it

@@ -77,11 +77,11 @@ def is_allowed_origin(
     upgrade: bool,
     secure: bool = False,
 ) -> bool:
-    """Check whether a request comes from our own page, or from a user who opens the page.
+    """Check whether a request comes from this server's page, or from a user who opens the page.
 
-    A foreign host name that resolves to this machine (DNS rebinding) is not our own address, and a
-    page of another site has another origin. Requests for a websocket (``upgrade``) always carry an
-    origin.
+    A foreign host name that resolves to this machine (DNS rebinding) is not this server's address,
+    and a page of another site has another origin. Requests for a websocket (``upgrade``) always
+    carry an origin.
     """
     unique = _single_headers(headers)
     if unique is None:
@@ -134,7 +134,7 @@ _FORBIDDEN_TEXT = b"This address does not accept requests from other pages.\n"
 
 
 class OriginCheckMiddleware:
-    """Rejects requests and upgrades that do not come from our own page (ASGI middleware)."""
+    """Filter of requests and upgrades that are not from this server's page (ASGI middleware)."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

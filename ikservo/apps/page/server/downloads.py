@@ -32,7 +32,7 @@ class Download:
 
 
 class DownloadOffers:
-    """Issues an address per file for a limited time, because a download cannot prove a key."""
+    """Addresses of files, each valid once and briefly; a download cannot authenticate by key."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

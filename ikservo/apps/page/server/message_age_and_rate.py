@@ -49,7 +49,7 @@ class RateLimitError(BadMessageError):
 
 
 class MessageFilter(Generic[_MessageT]):
-    """Parses the messages of one connection; checks order, age and rate.
+    """Parser of the messages on one connection; checks order, age and rate.
 
     Args:
         now_s: The time at which the client connected.

@@ -110,7 +110,7 @@ class SessionEndedError(IkservoError):
 
 
 class SessionBackend(Protocol[_ReceivedT_contra]):
-    """Handles the clients of a websocket; no method may block."""
+    """Handler of the clients of a websocket; no method may block."""
 
     def connect(self, permission: Permission) -> int:
         """Register a client and return its number."""
@@ -173,7 +173,7 @@ def make_app(
 
 
 class _WebSocketHandler(Generic[_MessageT]):
-    """Authenticates clients and runs their websocket sessions."""
+    """Authentication of clients, and their websocket sessions."""
 
     def __init__(self, channel: PageChannel[_MessageT], keys: AccessTokens, clock: Clock) -> None:
         self._channel, self._keys, self._clock = channel, keys, clock

@@ -70,7 +70,7 @@ class ActionGoal:
 
 
 class Executor(Protocol):
-    """Executes goals and ends each of them with ``ActionServer.finish``."""
+    """Object that executes goals and ends each of them with ``ActionServer.finish``."""
 
     def start(self, goal: ActionGoal, message: Any, /) -> Any:  # noqa: ANN401  # generated classes
         """Start executing a goal; return None, or the result of a refused goal."""
@@ -86,7 +86,7 @@ class Executor(Protocol):
 
 
 class ActionServer:
-    """Announces an action and keeps the states and results of its goals.
+    """Server that announces an action and stores the states and results of its goals.
 
     Args:
         node: The node.

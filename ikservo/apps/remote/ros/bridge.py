@@ -53,7 +53,7 @@ _BRAKE_TIMEOUT_S = 2.0
 
 
 class RosBridge:
-    """Connects an open arm to a ROS 2 graph until the bridge is closed.
+    """Connection of an open arm to a ROS 2 graph until the bridge is closed.
 
     Args:
         session: A Zenoh session with a router; the caller closes it after the bridge.
@@ -119,7 +119,7 @@ class RosBridge:
     # incoming messages
 
     def _requested(self) -> AbstractContextManager[None]:
-        """Return the context of a message that arrives now; a later stop ends its motion."""
+        """Return the context of a message that arrives now; a stop from now on ends its motion."""
         background = self._arm.background
         return background.requested(background.stop_count)
 

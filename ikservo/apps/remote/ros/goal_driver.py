@@ -37,7 +37,7 @@ class GoalEnd(Enum):
 
 
 class GoalWatch(Protocol):
-    """Watches a goal that is being followed; called in the driver's thread, or by ``put``."""
+    """Watcher of a goal that is being followed; called in the driver's thread, or by ``put``."""
 
     def observe(self, now_s: float, positions: Mapping[str, float], /) -> bool:
         """Receive measured positions; return whether to go on."""
@@ -60,7 +60,7 @@ class _Task:
 
 
 class GoalDriver:
-    """Drives an arm in its own thread until it is closed; warns if a goal ends early."""
+    """Driver of an arm in a separate thread until it is closed; warns if a goal ends early."""
 
     def __init__(self, arm: OpenArm, speed: str, warn: Callable[[str], None]) -> None:
         self._arm, self._speed, self._warn = arm, speed, warn
@@ -209,7 +209,7 @@ def _text_of(error: Exception) -> str:
 
 
 class _Arrival:
-    """Detects that joints have come to rest after the last setpoint."""
+    """Detector that tells whether joints have come to rest after the last setpoint."""
 
     def __init__(self) -> None:
         self._began_s: float | None = None

@@ -102,7 +102,7 @@ class RosNode:
     def serve_trigger(self, name: str, action: Callable[[], str], *, always: bool = False) -> None:
         """Announce a service std_srvs/srv/Trigger.
 
-        ``action`` returns the message of the response; its error becomes a response without
+        ``action`` returns the message for the response; its error becomes a response without
         success. If ``always``, every request is executed on arrival, even if repeated or without
         attachment, and ``action`` must not wait.
         """
@@ -133,7 +133,7 @@ class RosNode:
         """Announce a service.
 
         ``on_request`` gets each request and a function that sends its response. If ``in_order``,
-        requests are handled one by one, together with messages of topics.
+        requests are handled one by one, together with messages on topics.
         """
         worker = self._messages if in_order else self._services
         self._serve(name, kind, on_request, lambda data: decode(f"{kind}_Request", data), worker)
@@ -180,7 +180,7 @@ class RosNode:
 
 
 class _Senders:
-    """Keeps the number of the last message from each sender, and refuses older messages."""
+    """Number of the last message from each sender, with which older messages are refused."""
 
     def __init__(self) -> None:
         self._last: OrderedDict[bytes, int] = OrderedDict()
@@ -203,7 +203,7 @@ class _Senders:
 
 
 class _Worker:
-    """Handles Zenoh messages in its own threads; drops messages if there are too many."""
+    """Handler of Zenoh messages in separate threads; drops messages if there are too many."""
 
     def __init__(
         self, threads: int, name: str, requested: Callable[[], AbstractContextManager[None]]
@@ -236,7 +236,7 @@ class _Worker:
 
 
 class _Publisher:
-    """Publishes numbered and time-stamped messages on one topic."""
+    """Publisher of numbered and time-stamped messages on one topic."""
 
     def __init__(self, publisher: Any) -> None:  # noqa: ANN401  # plain or advanced
         self._publisher, self._gid, self._sequence = publisher, os.urandom(16), 0

@@ -47,7 +47,7 @@ class ErrorCode(IntEnum):
 
 
 class TrajectoryAction:
-    """Announces the action and drives the arm along its newest goal.
+    """Server that announces the action and drives the arm along its newest goal.
 
     Args:
         node: The node.
@@ -156,7 +156,7 @@ def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> N
 
 
 def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:
-    """Compute the largest allowed deviation of each joint, rad or m.
+    """Compute the maximum allowed deviation of each joint, rad or m.
 
     Raises:
         BadValueError: A tolerance is not a number.
@@ -171,7 +171,7 @@ def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, fl
 
 
 class _Watch:
-    """Compares measured and desired positions, and ends the goal."""
+    """Watcher that compares measured and desired positions, and ends the goal."""
 
     def __init__(
         self,

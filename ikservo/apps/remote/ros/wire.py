@@ -102,7 +102,7 @@ def check_namespace(namespace: str) -> str:
 
 
 def data_key(node: NodeName, name: str, kind: str) -> str:
-    """Return the key expression for the messages of a topic or the requests of a service."""
+    """Return the key expression for the messages on a topic or the requests to a service."""
     full = node.full_name(name).lstrip("/")
     return f"{node.domain}/{full}/{_dds_type(kind)}/{type_hash(kind)}"
 
