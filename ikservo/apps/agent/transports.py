@@ -36,7 +36,7 @@ def serve_agent(agent: AgentArm, http_port: int | None, listen: str) -> None:
     """
     with consent_server(agent) as address:
         if agent.allowance.consent in (Consent.ASK, Consent.SLOW):
-            print_status(f"A person allows plans here: {address}")
+            print_status(f"Approve the agent's plans here: {address}")
             print_status("or in another terminal: ikservo mcp --approve")
         server = make_server(agent)
         if http_port is None:

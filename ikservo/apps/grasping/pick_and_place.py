@@ -138,7 +138,7 @@ class Pick(OwnMotion[GraspResult]):
             wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
             raise RefusedError(
                 f"The thing is {wide_mm:.0f} mm wide, but the jaws open only {most_mm:.0f} mm.",
-                "Nothing moved. Choose a narrower thing.",
+                "Nothing moved. Choose a narrower object.",
             )
 
         def stances() -> Iterator[Stance]:

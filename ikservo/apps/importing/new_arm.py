@@ -223,7 +223,7 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
         )
     if math.isfinite(place.gap_m) and place.gap_m < 0.0:
         draft.decisions.append(
-            f"In the pose rest, {' and '.join(place.pair)} overlap by "
-            f"{-1000 * place.gap_m:.0f} mm, because capsules are thicker than the parts, or "
-            "because the limp arm cannot rest otherwise."
+            f"In the pose 'rest', {' and '.join(place.pair)} overlap by "
+            f"{-1000 * place.gap_m:.0f} mm: the collision capsules are thicker than the parts, or "
+            "these parts touch when the arm is limp."
         )

@@ -88,8 +88,8 @@ Record = Annotated[
     typer.Option(
         "--record",
         metavar="FOLDER",
-        help="LeRobot data set, new or to be continued, to which the page records episodes of the "
-        "arm and its cameras.",
+        help="LeRobot data set, new or existing, to which the page adds episodes of the arm and "
+        "its cameras.",
     ),
 ]
 TaskText = Annotated[

@@ -134,7 +134,7 @@ class ProgramRun:
         for count, each in enumerate(self._checked_steps(self._program, self._folder, begin)):
             if count >= MAX_CHECKS:
                 raise InputError(
-                    f"The program has more than {MAX_CHECKS} steps with its repetitions.",
+                    f"Counting repetitions, the program has more than {MAX_CHECKS} steps.",
                     "Use fewer steps or places.",
                 )
             error: IkservoError | None = None
