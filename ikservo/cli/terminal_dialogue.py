@@ -64,7 +64,7 @@ class Operator:
 
     @classmethod
     def of(cls, entries: Sequence[str] | None, *, yes: bool, no_input: bool = False) -> Operator:
-        """Return the operator according to the options of a command; a script has ``entries``."""
+        """Return the operator that a command's options ask for; ``entries`` are a script's answers."""
         scripted = entries is not None
         return cls(
             ScriptedAnswers(entries) if scripted or yes else None,

@@ -136,8 +136,8 @@ class PreflightPlanner:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan a motion of the tip or of joints from the start position and check its path.
 
-        The plan uses the surroundings at the time of the call. A folded arm touches itself on
-        nearly every path and leaves that contact first, unless the path starts at the present tip.
+        The plan uses the surroundings at the time of the call. A folded arm already touches
+        itself; the plan first leaves that contact, unless the path starts at the current tip.
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.

@@ -109,8 +109,8 @@ class ArmCamera:
             The picture: grey (h, w) or colour (h, w, 3), blue first, as in OpenCV.
 
         Raises:
-            CalibrationError: The arm has no calibrated camera, or the camera has moved since,
-                it delivers no picture, or the picture has a different size.
+            CalibrationError: The arm has no calibrated camera, the camera has moved since its
+                calibration or delivers no picture, or the picture has a different size.
             InputError: OpenCV is not installed, or there is no such camera.
         """
         size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]

@@ -8,7 +8,7 @@
     {"t_s": 0.02, "q": [0.0123, …]}
 
 Each line is flushed when it is written, so that an interrupted recording keeps its samples; an
-incomplete or malformed line is refused with its number.
+incomplete or malformed line is refused, and the error gives its number.
 """
 
 from __future__ import annotations
@@ -244,10 +244,10 @@ class RecordingFile:
 
     @contextlib.contextmanager
     def removing_on_error(self) -> Generator[None]:
-        """Remove the file if its first bytes cannot be written, because it has no samples.
+        """Remove the file, which has no samples yet, if its header cannot be written.
 
         Raises:
-            FileWriteError: The bytes cannot be written; the message names no incomplete recording.
+            FileWriteError: The header cannot be written.
         """
         try:
             yield

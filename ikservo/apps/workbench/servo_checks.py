@@ -99,10 +99,11 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
 
     Raises:
         FileFormatError: The file of former values of a servo is damaged; nothing is written.
-        RegisterAccessError: Torque is on, or a value is out of range; servos before it are written.
+        RegisterAccessError: A servo's torque is on, or a value is out of range; the servos before
+            it are written.
         ServoRejectedError: A value was not kept.
         BusError: A servo does not answer.
-        FileWriteError: The first copy cannot be written; the servos before it are written.
+        FileWriteError: A servo's former values cannot be saved; the servos before it are written.
     """
     changed: dict[ServoSpec, list[RegisterDifference]] = {}
     calibrated = _has_calibrated_registers(bus, model)

@@ -4,7 +4,7 @@ import { heading, multiply } from "./quaternions.js";
 
 const FROM_XR = [0.5, 0.5, -0.5, -0.5]; // from WebXR's axes (y upwards, -z ahead) to x ahead, z upwards
 const SQUEEZE = 1;
-const TRIGGER = 0;
+const TRIGGER = 0; // also the pinch of a bare hand
 const STICK = 3;
 const LOWER_BUTTON = 4;
 const UPPER_BUTTON = 5;
@@ -50,8 +50,13 @@ export class HandSession {
     const isShown = session.visibilityState === "visible";
     const viewer = readPose(frame.getViewerPose(space));
     const forward = viewer && heading(viewer.rotation);
-    const controllers = [...session.inputSources].filter((source) => source.gripSpace && source.gamepad);
-    const squeezed = ({ gamepad }) => Boolean(gamepad.buttons[SQUEEZE]?.pressed);
+    const sources = [...session.inputSources].filter((source) => source.gripSpace && source.gamepad);
+    const hands = sources.filter((source) => source.hand);
+    // Of two bare hands, the right one moves the tool while the left one pinches.
+    const controllers = hands.length ? hands.filter(({ handedness }) => handedness === "right") : sources;
+    const left = hands.find(({ handedness }) => handedness === "left");
+    const isDown = (source, button) => Boolean(source?.gamepad.buttons[button]?.pressed);
+    const squeezed = (source) => hands.length ? isDown(left, TRIGGER) : isDown(source, SQUEEZE);
     // A controller that is squeezed when it appears must be let go first: -1.
     const press = (source) => squeezed(source) ? (this.presses.get(source) ?? -1) || this.handlers.press() : 0;
     this.presses = new Map(controllers.map((source) => [source, press(source)]));
@@ -60,11 +65,12 @@ export class HandSession {
     const source = this.handed ?? controllers[0];
     const pose = isShown ? readPose(frame.getPose(source.gripSpace, space)) : null;
     const pressed = (button, { gamepad } = source) => Number(gamepad.buttons[button]?.value ?? 0);
+    const pinch = squeezed(source) ? Math.sign(pressed(TRIGGER) - 0.5) : 0; // the gripper follows the right hand
     this.handlers.frame(now, {
       pose,
       press: this.presses.get(source),
       heading: forward,
-      grip: pressed(TRIGGER) - pressed(LOWER_BUTTON),
+      grip: hands.length ? pinch : pressed(TRIGGER) - pressed(LOWER_BUTTON),
       records: pressed(STICK) > 0,
       stops: controllers.some((each) => pressed(UPPER_BUTTON, each) > 0),
       pulse: (ms) => source.gamepad.hapticActuators?.[0]?.pulse(0.6, ms),
