@@ -64,7 +64,7 @@ class Operator:
 
     @classmethod
     def of(cls, entries: Sequence[str] | None, *, yes: bool, no_input: bool = False) -> Operator:
-        """Return the operator that a command's options ask for; ``entries`` are a script's answers."""
+        """Return the operator for a command's options; ``entries`` are the answers of a script."""
         scripted = entries is not None
         return cls(
             ScriptedAnswers(entries) if scripted or yes else None,

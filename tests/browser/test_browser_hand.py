@@ -327,6 +327,38 @@ def test_squeeze_during_recentring_of_headset_must_be_repeated(headset):
     headset.until(SAYS % "Let go first")
 
 
+def pinch(operator, name, value):
+    operator.page.evaluate(f"device.hands.{name}.updatePinchValue({value})")
+
+
+@OWN
+def test_bare_left_hand_holds_while_right_hand_moves_and_grips(headset):
+    served, before_m = headset.served, headset.served.tip_m()
+    headset.page.evaluate(
+        "device.primaryInputMode = 'hand'; window.controller = device.hands.right"
+    )
+    headset.page.evaluate("controller.position.set(0.1, 1.2, -0.3)")
+    pinch(headset, "right", 0)
+    pinch(headset, "left", 0)
+    headset.page.wait_for_timeout(300)
+    pinch(headset, "left", 1)
+    headset.until(HELD % "true")
+    move_controller(headset, (-0.03, 0.02, 0.0))
+    headset.until_near(served.tip_m, before_m + np.array([0.0, 0.03, 0.02]), NEAR_MM)
+    opened = served.joints()["gripper"]
+    pinch(headset, "right", 1)
+    until(lambda: served.joints()["gripper"] < opened - 0.1, served.joints)
+    pinch(headset, "left", 0)
+    headset.until(HELD % "false")
+    headset.until_still()
+    closed = served.joints()["gripper"]
+    move_controller(headset, (0.1, 0.0, 0.1))
+    pinch(headset, "right", 0)
+    headset.until_still()
+    assert served.joints()["gripper"] == pytest.approx(closed, abs=0.02)
+    assert headset.errors == []
+
+
 def test_headset_session_that_cannot_draw_is_ended(headset):
     headset.page.evaluate("device.activeSession.end()")
     headset.until("!document.body.hasAttribute('data-xr')")

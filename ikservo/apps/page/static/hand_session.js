@@ -12,7 +12,7 @@ const UPPER_BUTTON = 5;
 export class HandSession {
   // handlers: press() numbers a press; frame(now, source) in every frame; lost() when the hand must let go; ended().
   static async start(handlers) {
-    const session = await navigator.xr.requestSession("immersive-ar", { optionalFeatures: ["dom-overlay", "local-floor"], domOverlay: { root: document.body } });
+    const session = await navigator.xr.requestSession("immersive-ar", { optionalFeatures: ["dom-overlay", "local-floor", "hand-tracking"], domOverlay: { root: document.body } });
     try {
       const gl = document.createElement("canvas").getContext("webgl", { xrCompatible: true });
       await session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
