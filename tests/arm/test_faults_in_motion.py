@@ -282,7 +282,7 @@ def test_error_reports_power_cut_during_motion(either, for_s, silent):
 
     world.schedule(world.time_s + 0.5, cut)
     expected = (ServoSilentError, ServoAlarmError)
-    with pytest.raises(expected, match=r"the arm has .*lost its power, has fallen and") as caught:
+    with pytest.raises(expected, match="lost its power, has fallen and") as caught:
         swing(either)
     assert isinstance(caught.value, ServoSilentError) == bool(silent or for_s > 1.0)
     if silent:

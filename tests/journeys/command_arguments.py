@@ -12,7 +12,7 @@ import numpy as np
 from ikservo.cli import command_group
 from ikservo.model import load_model
 
-SERVERS = ("view", "sim", "serve", "ros")  # end by Ctrl-C alone
+SERVERS = ("view", "sim", "serve", "ros", "mcp")  # end by Ctrl-C or with their input
 BY_HAND = ("calibrate", "setup", "import")  # wait for an operator
 FILED = ("calibration", "export", "replay")  # work on a file that must exist
 
@@ -32,7 +32,6 @@ _OPTIONS = {
     "--now": None,
     "--count": "10",
     "--no-open": None,
-    "--http-port": "0",
     "--wait": "1",
     "--leader-port": "sim",
 }
