@@ -626,21 +626,13 @@ class MotionMethods(Protocol):
     def _run(
         self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool
     ) -> R | RunningMotion[R]:
-        """Execute a motion, or start it in the background.
-
-        Raises:
-            BadValueError: ``wait`` is not a boolean.
-        """
+        """Execute a motion, or start it in the background."""
         is_awaited = check_flag("wait", wait)
         return self.execute(motion, on_progress) if is_awaited else self.start(motion, on_progress)
 
 
 def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as the fields of a motion; an orientation becomes part of the stance.
-
-    Raises:
-        TypeError: There is no such option; the closest one is suggested.
-    """
+    """Return options as the fields of a motion; an orientation becomes part of the stance."""
     names = [each.name for each in fields(kind) if each.kw_only]
     names += ["orientation"] if "stance" in names else []
     options = in_american(options)

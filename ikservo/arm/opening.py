@@ -313,9 +313,6 @@ def _make_compensator(
     """Make the goal compensator, with the masses of the links if the joint zeros are known.
 
     The masses were identified for this arm, or else come from the arm file.
-
-    Raises:
-        FileFormatError: The arm's identification is malformed.
     """
     names = [driven.joint for driven in driven_joints]
     columns = [names.index(name) for name in chain.names]

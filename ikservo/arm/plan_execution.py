@@ -168,13 +168,7 @@ def _run_motion(
 
 
 def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) -> Trajectory:
-    """Compute the trajectory of a plan from the arm's position (n,).
-
-    Raises:
-        RefusedError: The arm has moved since the plan was made, something is in the way, a
-            constraint would be violated, or the trajectory does not end at the plan's goal, where
-            the arm settles.
-    """
+    """Compute the trajectory of a plan from the arm's position (n,)."""
     end = plan.trajectory.state(plan.trajectory.duration_s).position
     if np.abs(end - plan.goal).max() > _SAME_GOAL:
         raise RefusedError(

@@ -405,11 +405,7 @@ class Scene:
 
 
 def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
-    """Return the pose (4, 4) of another arm's base frame.
-
-    Raises:
-        BadValueError: The place is too far away, not valid, or the place of this arm.
-    """
+    """Return the pose (4, 4) of another arm's base frame."""
     at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "a place on the same table, in metres")
     if np.linalg.norm(at) < NEAREST_BASE_M:
         raise BadValueError(

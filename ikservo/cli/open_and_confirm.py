@@ -123,11 +123,7 @@ def open_from_options(
 
 @contextmanager
 def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
-    """Open the other arms of a scene to measure them, so that they can be avoided.
-
-    Raises:
-        RefusedError: The command's arm is on another machine, or another arm cannot be measured.
-    """
+    """Open the other arms of a scene to measure them, so that they can be avoided."""
     with ExitStack() as opened:
         for each in placed:
             scene = require_own_port(machine).scene

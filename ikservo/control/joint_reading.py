@@ -141,9 +141,6 @@ class Feedback:
         """Read one silent servo with all retries, because the machine may just be busy.
 
         Once it has replied, the other silent servos are also read again.
-
-        Raises:
-            ServoSilentError: Servos do not reply; all of them are named.
         """
         servo_id, *others = readings.errors
         try:

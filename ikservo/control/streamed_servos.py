@@ -164,11 +164,7 @@ class StreamedServos:
         return self.reference()
 
     def _check_torque(self) -> None:
-        """Read the torque of all servos.
-
-        Raises:
-            ServoAlarmError: A servo has lost its torque.
-        """
+        """Read the torque of all servos."""
         self._bus.sync_read(self._ids, RegisterName.TORQUE_ENABLE, raw=True)
         limp = self._limp_joints()
         if limp:
@@ -505,21 +501,13 @@ class StreamedServos:
         self._send(self._gate.pass_hold(ticks))
 
     def _send(self, passed: PassedGoals) -> None:
-        """Write goals that passed the gate, and commit them.
-
-        Raises:
-            RefusedError: See ``_write_goals``; nothing was sent.
-        """
+        """Write goals that passed the gate, and commit them."""
         rows = zip(self._ids, passed.ticks, strict=True)
         self._write_goals({servo_id: tick for servo_id, tick in rows if tick is not None})
         self._gate.commit(passed)
 
     def _write_goals(self, goals: Mapping[int, int]) -> None:
-        """Write goals; each is within its limits, or at a tick that was measured or sent before.
-
-        Raises:
-            RefusedError: A goal is neither of these; nothing was sent.
-        """
+        """Write goals; each is within its limits, or at a tick that was measured or sent before."""
         write_goals(
             self._bus,
             goals,

@@ -338,11 +338,7 @@ def with_scene_and_arms(model: Model, path: Path | str) -> tuple[Model, tuple[Pl
 def _check_names(
     path: Path, things: Sequence[KeepOutShape | PlacedArm], taken: Sequence[str]
 ) -> None:
-    """Check that no two things or arms have the same name.
-
-    Raises:
-        FileFormatError: Two things or arms share a name, or one has the name of a part of the arm.
-    """
+    """Check that no two things or arms have the same name."""
     known = set(taken)
     for each in things:
         if each.name in known:

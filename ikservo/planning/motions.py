@@ -174,11 +174,7 @@ def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object],
 
 
 def _parser_of(place: str, name: str, hint: Any) -> Callable[[object], object]:  # noqa: ANN401
-    """Return a field's parser: from ``Annotated[type, parse]``, or the parser of the plain type.
-
-    Raises:
-        TypeError: The type has no parser.
-    """
+    """Return a field's parser: from ``Annotated[type, parse]``, or the parser of the plain type."""
     if hasattr(hint, "__metadata__"):
         return hint.__metadata__[0]
     if hint not in (bool, int, float, str):

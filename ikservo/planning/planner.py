@@ -457,10 +457,6 @@ class Planner:
         """Follow a path inside limits that are reduced by the lead of goals under load.
 
         See ``CartesianTrajectory`` for ``q``, ``path``, ``tool_speed_m_s``, ``end``, ``strict``.
-
-        Raises:
-            CartesianPathError: The path cannot be followed; the message says whether load is the
-                cause.
         """
         limits = self.motion_limits(speed)
 

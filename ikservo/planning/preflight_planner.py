@@ -381,11 +381,7 @@ class PreflightPlanner:
         return plan if held else self.plan(motion)
 
     def _plan_clear(self, request: _MotionRequest, direct: MotionPlan | None = None) -> MotionPlan:
-        """Make a plan whose path is free: the direct plan, or the first free alternative.
-
-        Raises:
-            RefusedError: The arm would touch itself, the table or a box, or violate a constraint.
-        """
+        """Make a plan whose path is free: the direct plan, or the first free alternative."""
         tool = self._planner.constrained_tool(request.within, request.start)
         if tool is not None:
             tool.check(self._context.index.chain_joints(request.start)[None])

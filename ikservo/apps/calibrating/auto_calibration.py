@@ -417,11 +417,7 @@ class AutoCalibration:
     def _press_against(
         self, end: RangeEnd, subject: JointUnderCalibration, fraction: float
     ) -> ContactResult:
-        """Move a joint to its end with a fraction of its torque.
-
-        Raises:
-            CalibrationError: The joint moved past the place where its stop is expected.
-        """
+        """Move a joint to its end with a fraction of its torque."""
         found = probe_end_stop(
             self._context, self._runner, self._loose.bus, end.joint, end.past, fraction,
             self._update_state,

@@ -354,11 +354,7 @@ def _build_outcome(
     options: CalibrationOptions,
     base: Calibration | None,
 ) -> CalibrationResult:
-    """Build the calibration, with the limits in the servos if the options request it.
-
-    Raises:
-        CalibrationError: The ranges of a joint do not overlap.
-    """
+    """Build the calibration, with the limits in the servos if the options request it."""
     found = limp_arm.build_calibration(
         state,
         options.pose,

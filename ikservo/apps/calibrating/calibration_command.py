@@ -166,11 +166,7 @@ def _opened(
 def _of_file(
     connection: NamedServoConnection, read: Callable[[Path, str], Calibration | None]
 ) -> tuple[Path, Calibration]:
-    """Find the calibration file of an arm, and read or restore it.
-
-    Raises:
-        CalibrationError: The arm has no calibration file.
-    """
+    """Find the calibration file of an arm, and read or restore it."""
     model = model_from_option(connection.arm)
     path = _find_file(model, connection.port)
     calibration = read(path, model.name)
@@ -201,11 +197,7 @@ def _find_file(model: Model, port: str | None) -> Path:
 
 
 def _confirm_transfer(limp_arm: TorqueOffArm, target: str, *, yes: bool) -> bool:
-    """Print the differences and ask whether to write them; return False if there are none.
-
-    Raises:
-        IkservoError: The user declined.
-    """
+    """Print the differences and ask whether to write them; return False if there are none."""
     found = register_differences(limp_arm)
     if not found:
         print_lines(["Servos and calibration file agree; nothing to do."])

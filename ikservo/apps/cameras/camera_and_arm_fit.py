@@ -375,11 +375,7 @@ def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple
 
 
 def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
-    """Return a fit to most samples, and a mask (n,) of the samples that it uses.
-
-    Raises:
-        CalibrationError: More than a third of the samples contradict the others.
-    """
+    """Return a fit to most samples, and a mask (n,) of the samples that it uses."""
     squares = problem.squares(state)
     typical = max(float(np.median(squares)), _EXPECTED)
     for power in (2.0,) * _ROUNDS + (1.0,) * _ROUNDS:  # outliers weigh little at first, then more

@@ -122,11 +122,7 @@ class HandCalibration:
         return True
 
     def _limp_joints(self) -> Vector:
-        """Measure the chain's joints (dof,).
-
-        Raises:
-            CalibrationError: The torque of a servo is on, so the arm cannot be moved by hand.
-        """
+        """Measure the chain's joints (dof,)."""
         state = self._arm.where()
         if state.torque.any():
             raise CalibrationError(
@@ -136,11 +132,7 @@ class HandCalibration:
         return measured_joints(self._arm.chain, state)
 
     def _look(self) -> tuple[Picture, BoardView | None]:
-        """Take a picture and find the board in it; report once why the board is not found.
-
-        Raises:
-            CalibrationError: The camera gives no picture, or the same picture again.
-        """
+        """Take a picture and find the board in it; report once why the board is not found."""
         picture = self._camera.take()
         if self._last is not None and np.array_equal(picture, self._last):
             raise PictureError(*SAME_PICTURE)

@@ -350,12 +350,7 @@ class CameraCalibration:
         self._arm.move_joints(goals, speed="normal")
 
     def _take(self) -> Picture:
-        """Take a picture of the resting arm.
-
-        Raises:
-            CalibrationError: The camera delivers no picture or the same picture again, or its
-                brightness never settles.
-        """
+        """Take a picture of the resting arm."""
         clock = self._arm.clock
         clock.sleep_until(clock.now_s() + _SETTLE_S)
         picture = self._camera.take()
@@ -374,11 +369,7 @@ class CameraCalibration:
         return picture
 
     def _keep(self, picture: Picture) -> None:
-        """Store the view of the board in a picture, with the measured joint positions.
-
-        Raises:
-            CalibrationError: The board is not seen.
-        """
+        """Store the view of the board in a picture, with the measured joint positions."""
         view = find_board(self._pictures.board, picture)
         q = measured_joints(self._arm.chain, self._arm.where())
         self._pictures.add(picture, view, q)

@@ -184,11 +184,7 @@ def save_tip_zero(arm: Arm, found: TipZero) -> Path:
 def _read_click(
     arm: Arm, model: CameraModel, camera: CalibratedCamera, ray: Ray, joints: Vector
 ) -> tuple[TipClick, float]:
-    """Evaluate a click; return it, and the motion of the tip in pixels per degree of the joint.
-
-    Raises:
-        CalibrationError: The click determines no zero, or an implausible one.
-    """
+    """Evaluate a click; return it, and the motion of the tip in pixels per degree of the joint."""
     chain, q = arm.chain, arm.joint_index.chain_joints(joints)
     steps = np.arange(-_MOST_RAD, _MOST_RAD, _STEP_RAD)
     tried = q + steps[:, None] * np.eye(chain.dof)[-1]
@@ -251,11 +247,7 @@ def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], 
 
 
 def _resting_joints(arm: Arm) -> Vector:
-    """Return all measured joints (n,) of an arm at rest.
-
-    Raises:
-        CalibrationError: The arm is moving.
-    """
+    """Return all measured joints (n,) of an arm at rest."""
 
     def read() -> Iterable[float]:
         return arm.where().positions_rad.tolist()
@@ -267,11 +259,7 @@ def _resting_joints(arm: Arm) -> Vector:
 
 
 def _require_same(arm: Arm, calibration: Calibration) -> None:
-    """Check that the arm's joints are measured with the zeros of a calibration.
-
-    Raises:
-        CalibrationError: The joints are measured with different zeros.
-    """
+    """Check that the arm's joints are measured with the zeros of a calibration."""
     present = {each.joint: each.joint_map for each in arm.context.servos.driven_joints}
     for own in chain_maps(arm.model, calibration):
         turn_ticks = math.tau / own.horn_rad_per_tick

@@ -194,11 +194,7 @@ def _parse_pairs(
     example: str,
     sign: str = "=",
 ) -> Iterator[tuple[str, _Value]]:
-    """Parse options such as ``NAME=VALUE``.
-
-    Raises:
-        BadValueError: A value does not have the same form as the example.
-    """
+    """Parse options such as ``NAME=VALUE``."""
     for text in texts or ():
         name, found, value = text.partition(sign)
         try:

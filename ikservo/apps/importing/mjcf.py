@@ -104,11 +104,7 @@ def arm_xml(path: Path, folder: Path) -> str:
 
 
 def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple[XmlElement, int]:
-    """Read an MJCF with its included files inserted; return it and the number of files read.
-
-    Raises:
-        FileFormatError: A file is outside the folder, included twice, or cannot be used.
-    """
+    """Read an MJCF with its included files inserted; return it and the number of files read."""
     seen.add(path.resolve())
     text = read_text(path, _MAX_BYTES)
     if _BROKEN_NAME.search(text):  # MuJoCo keeps these characters; XML readers make them blanks

@@ -462,11 +462,7 @@ class SessionController:
                 client.view = Viewpoint(self._composer.views[0])
 
     def _require_ready(self) -> None:
-        """Raise if the arm accepts no targets.
-
-        Raises:
-            BadMessageError: The arm was stopped, is being calibrated, or is moving by itself.
-        """
+        """Raise if the arm accepts no targets."""
         snapshot, job = self._arm_thread.snapshot, self._arm_thread.job
         if snapshot.calibration:
             raise BadMessageError(

@@ -201,11 +201,7 @@ class ViewApp:
                             uncalibrated=self._uncalibrated)  # fmt: skip
 
     def _require_camera(self) -> None:
-        """Check that one of the open arms shows a picture, if a camera was requested.
-
-        Raises:
-            IkservoError: The reason why the first arm shows no picture.
-        """
+        """Check that one of the open arms shows a picture, if a camera was requested."""
         arms = [arm for arm in self.arms.all() if arm.is_open]
         if not any(arm.video for arm in arms):
             for arm in arms:

@@ -210,11 +210,7 @@ def _bench_from_options(
 
 
 def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None) -> list[ArmAtPort]:
-    """Return the arms to open, with their ports.
-
-    Raises:
-        InputError: There is no such arm, or several arms share a port.
-    """
+    """Return the arms to open, with their ports."""
     from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # --help does not need it
 
     simulated = (port or "").partition(":")[0] == "sim"

@@ -255,11 +255,7 @@ class Connection:
             return self._lease
 
     def _not_allowed(self) -> RefusedError:
-        """Return the error for a request that the other end refuses.
-
-        Raises:
-            PortLostError: The connection is lost.
-        """
+        """Return the error for a request that the other end refuses."""
         self.watch("clock")
         return RefusedError(
             f"{self.address} does not let this machine drive it.",
@@ -317,11 +313,7 @@ class Connection:
             self._compare_clocks(attempts=1)
 
     def _compare_clocks(self, attempts: int = 5) -> None:
-        """Estimate the server's clock from the fastest of several answers.
-
-        Raises:
-            PortError: The network is too slow to control an arm.
-        """
+        """Estimate the server's clock from the fastest of several answers."""
         found: list[tuple[float, float]] = []
         for _ in range(attempts):
             before_s = time.monotonic()

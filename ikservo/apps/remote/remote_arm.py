@@ -214,11 +214,7 @@ class RemoteArm(MotionMethods):
     def _execute_plan(
         self, plan: MotionPlan, on_progress: OnProgress | None
     ) -> MoveResult | JointMoveResult:
-        """Execute a plan of this arm.
-
-        Raises:
-            BadValueError: The plan was planned by another program or for another arm.
-        """
+        """Execute a plan of this arm."""
         path = getattr(plan, "trajectory", None)
         if plan.motion is None or not isinstance(path, RemoteTrajectory):
             raise BadValueError("The plan", shown(plan), "a plan of this arm")

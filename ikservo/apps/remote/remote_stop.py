@@ -153,11 +153,7 @@ class _MachineStop:
 
 
 def _stop_result(data: bytes) -> StopResult:
-    """Return the result in a reply without ``wire_messages``, which imports too much.
-
-    Raises:
-        IkservoError: The reply contains an error, or is not a reply to a stop.
-    """
+    """Return the result in a reply without ``wire_messages``, which imports too much."""
     reply: Any = None
     with contextlib.suppress(ValueError, RecursionError):
         reply = parse_json(data) if len(data) <= _MAX_REPLY_BYTES else None

@@ -126,11 +126,7 @@ class DatasetWriter:
         self._rows, self._tasks, self._features = rows, tasks, features
 
     def _read_existing(self) -> None:
-        """Read the metadata of a data set that was written here.
-
-        Raises:
-            FileFormatError: The data set cannot be continued.
-        """
+        """Read the metadata of a data set that was written here."""
         import pyarrow.parquet as pq  # noqa: PLC0415  # from the extra `dataset`
 
         path = self.folder / "meta" / "info.json"

@@ -130,11 +130,7 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
 
 
 def _require_gravity(context: ArmContext) -> FeedForward:
-    """Return the arm's feed-forward for the present gains.
-
-    Raises:
-        RefusedError: The torque that gravity needs is unknown.
-    """
+    """Return the arm's feed-forward for the present gains."""
     found = context.servos.compensator.feed_forward
     if found is None:
         raise RefusedError(

@@ -141,11 +141,7 @@ def _opened(
 def _check(
     run: ProgramRun, program: Program, file: Path, first: int, *, quiet: bool
 ) -> list[StepCheck]:
-    """Check each step.
-
-    Raises:
-        IkservoError: Steps are impossible; all of them have been printed.
-    """
+    """Check each step."""
     checks: list[StepCheck] = []
     failed: dict[int, IkservoError] = {}  # by step, because repetitions are checked again
     for each in run.check(first):

@@ -307,11 +307,7 @@ def load_replay(
 
 
 def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:
-    """Return a recording with only the joints of an arm; other programs may record more.
-
-    Raises:
-        FileFormatError: The recording is from another arm.
-    """
+    """Return a recording with only the joints of an arm; other programs may record more."""
     header, place = recording.header, recording.place(None)
     own = recording_header(context.model, header.period_s)
     if not header.arm:

@@ -72,11 +72,7 @@ def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
 def _expected_registers(
     servo: ServoSpec, own: ModelServo, calibrated: bool
 ) -> dict[RegisterRef, int]:
-    """Return the arm file's raw values, without the registers that a calibration has set.
-
-    Raises:
-        UnknownNameError: The servo has no such register.
-    """
+    """Return the arm file's raw values, without the registers that a calibration has set."""
     registers = servo.table.registers
     unknown = [name for name in own.eeprom if name not in registers]
     if unknown:

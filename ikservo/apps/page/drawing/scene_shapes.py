@@ -45,11 +45,7 @@ def _collision_fields(link: UrdfLink) -> list[Fields]:
 
 
 def _shape_fields(link: str, shape: Shape, colour: Triple | None) -> list[Fields]:
-    """Return a shape as one or more primitives of the page.
-
-    Raises:
-        FileFormatError: A mesh cannot be used.
-    """
+    """Return a shape as one or more primitives of the page."""
     T = make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
     shared: Fields = {"pose": row_major(T), "colour": colour}
     match shape:

@@ -246,11 +246,7 @@ class ServoBench:
             return None
 
     def _work(self, line: ServoLine) -> bool:
-        """Handle a request from a page, or take a sample; return False to search the port again.
-
-        Raises:
-            PortError: The port is lost.
-        """
+        """Handle a request from a page, or take a sample; return False to search the port again."""
         plot = self._plot
         command = self._next_command(0.0 if plot else _POLL_S)
         if _is_search(command):

@@ -97,11 +97,7 @@ def _make_pem(address: str) -> str:
 
 
 def _checked_fingerprint(path: Path) -> str:
-    """Return the fingerprint of a stored certificate.
-
-    Raises:
-        CertificateError: The certificate cannot be used.
-    """
+    """Return the fingerprint of a stored certificate."""
     try:
         if os.name == "posix" and path.stat().st_mode & _OTHERS:
             raise CertificateError(path, "other users can read its key")

@@ -169,11 +169,7 @@ class RosBridge:
         self._move(pose_goal(message.pose))
 
     def _is_of_tool(self, frame: str) -> bool:
-        """Check whether a frame is the tool frame or the base frame.
-
-        Raises:
-            BadValueError: The frame is neither of the two.
-        """
+        """Check whether a frame is the tool frame or the base frame."""
         chain = self._arm.chain
         if frame not in ("", chain.base, chain.tip):
             raise BadValueError("The frame", shown(frame), f"{chain.base} or {chain.tip}")

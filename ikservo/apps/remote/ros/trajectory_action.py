@@ -136,11 +136,7 @@ class _OldError(RefusedError):
 
 
 def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> None:  # noqa: ANN401
-    """Refuse a goal or tolerances with joints that the arm does not have.
-
-    Raises:
-        _InvalidJointsError: The arm lacks a joint.
-    """
+    """Refuse a goal or tolerances with joints that the arm does not have."""
     rows = (*message.path_tolerance, *message.goal_tolerance)
     unknown = [name for name in names if name not in known]
     unknown += [row.name for row in rows if row.name not in names]
@@ -156,11 +152,7 @@ def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> N
 
 
 def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:
-    """Compute the maximum allowed deviation of each joint, rad or m.
-
-    Raises:
-        BadValueError: A tolerance is not a number.
-    """
+    """Compute the maximum allowed deviation of each joint, rad or m."""
     found = dict(usual)
     for row in rows:
         if math.isnan(row.position):
