@@ -13,9 +13,10 @@ import secrets
 import stat
 import sys
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import BinaryIO
 
 from ikservo.errors import FileFormatError, IkservoError
 
@@ -79,10 +80,13 @@ def write_atomic(
         _sync_folder(path.parent)
 
 
-def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
+def write_all_atomic(
+    files: Mapping[Path, bytes | Callable[[BinaryIO], object]], *, private: bool = False
+) -> None:
     """Replace files that belong together, or leave all unchanged if disk space is short.
 
-    All contents are first written to new files in the same folders: renaming needs no space.
+    All contents are first written to new files in the same folders: renaming needs no space. A
+    content that is a function writes itself. The files are then renamed in their order.
     Folders are created if needed; only the owner can read ``private`` new files and folders.
 
     Raises:
@@ -202,7 +206,7 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
         raise
 
 
-def _write_beside(path: Path, data: bytes, private: bool) -> str:
+def _write_beside(path: Path, data: bytes | Callable[[BinaryIO], object], private: bool) -> str:
     """Write a new file beside ``path``, with the same permissions; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
     mode, is_new = 0o600 if private else 0o666, not path.exists()
@@ -214,9 +218,11 @@ def _write_beside(path: Path, data: bytes, private: bool) -> str:
             with contextlib.suppress(OSError):  # FAT and network disks store no permissions
                 os.fchmod(handle, mode)
         try:
-            left = memoryview(data)
-            while left:
-                left = left[os.write(handle, left) :]
+            with os.fdopen(handle, "wb", closefd=False) as file:
+                if callable(data):
+                    data(file)
+                else:
+                    file.write(data)
             os.fsync(handle)
         finally:
             os.close(handle)

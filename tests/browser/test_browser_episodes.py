@@ -73,6 +73,6 @@ def test_stop_ends_an_episode_which_can_still_be_saved(recording):
     operator, folder = recording
     record_drag(operator, (50, 0))
     operator.page.keyboard.press("Escape")
-    expect(operator.page.locator("#episode-text")).to_contain_text("The arm was stopped.")
+    expect(operator.page.locator("#episode-text")).to_contain_text("The arm is stopped.")
     saved(operator, 1)
     assert len(read_dataset(folder).episodes) == 1

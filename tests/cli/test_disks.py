@@ -79,7 +79,7 @@ WRITTEN = {
          name.split()[0])
         for name in ("a.html", "old.html --overwrite")
     ],
-    ("view", "record"): [("view so101 --port sim --no-open --record {}/a", ".probe")],
+    ("view", "record"): [("view so101 --port sim --no-open --task a --record {}/a", ".probe")],
     ("workspace", "plot"): [("workspace --arm so101 --slice side --plot {}/old.png", "old.png")],
 }  # fmt: skip
 LINES = [line for lines in WRITTEN.values() for line in lines]

@@ -6,7 +6,7 @@ import itertools
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from ikservo.apps.page.dragging.snapshot import StopNotice
@@ -340,6 +340,7 @@ class ServedArms:
                 failed.append(error)
         if failed and (len(failed) == len(places) or any(place.other_arms for place in places)):
             raise failed[0]
+        self._settings = replace(self._settings, record=None)  # arms that the page opens have none
         for arm in added:
             for each in arm.place.other_arms:
                 arm.add_other_arm(each.name, each.at_m, each.rpy_deg)

@@ -152,6 +152,8 @@ def command(
             _print_certificate(urls)
         for warning in urls.warnings:
             print_status(warning)
+        if record is not None and not camera:
+            print_status("No --camera is given, so episodes have no pictures.")
         if bench is None:
             _print_arms(app, has_camera=bool(camera or camera_name))
             warn_uncompiled()
@@ -171,7 +173,7 @@ def _episode_folder(
     """Return the data set to which the page records; None without ``--record``.
 
     Raises:
-        InputError: There is not exactly one arm, which the data set describes.
+        InputError: The task is missing, or there is not exactly one arm.
         FileWriteError: The folder is not writable.
     """
     from ikservo.apps.page.panels.episode_panel import EpisodeFolder  # noqa: PLC0415  # as above
@@ -180,6 +182,12 @@ def _episode_folder(
         if task:
             raise InputError("--task describes episodes.", "Add --record FOLDER.")
         return None
+    if not task:
+        raise InputError(
+            "The episodes have no task.", 'Say what is shown, as in --task "stack the cubes".'
+        )
+    if record.is_file():
+        raise InputError(f"{record} is a file.", "Give a folder.")
     if len(places) != 1:
         raise InputError(
             f"--record needs exactly one arm, not {len(places)}.",

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +32,15 @@ _FILES_PER_CHUNK = 1000
 _JOINTS = ("observation.state", "action")
 _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 _QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-_MAX_INFO_BYTES = 16 * 1024 * 1024
+_MAX_BYTES = 16 * 1024 * 1024  # of a metadata file that is continued
+_BLOCK = 10  # frames that are written at once: larger blocks delay the control loop
 _SAMPLED_PICTURES = 20  # per episode and camera, for the statistics
 _PIXEL_STEP = 8  # every eighth row and column of them
 
 Frames = dict[str, Matrix]
 """The columns of one episode, each (k, width)."""
+Pictures = Mapping[str, Callable[[int], bytes]]
+"""For each camera, a function that returns the JPEG data of a frame."""
 Row = dict[str, Any]
 """The metadata of one episode."""
 
@@ -47,12 +52,12 @@ class NewEpisode:
     Attributes:
         state: The measured values of the joints (k, n), in LeRobot's units.
         action: The commanded values (k, n).
-        pictures: For each camera, the JPEG data of each frame.
+        pictures: The pictures of the frames; without cameras, empty.
     """
 
     state: Matrix
     action: Matrix
-    pictures: Mapping[str, Sequence[bytes]] = field(default_factory=dict[str, Sequence[bytes]])
+    pictures: Pictures = field(default_factory=dict[str, "Callable[[int], bytes]"])
 
 
 class DatasetWriter:
@@ -74,12 +79,13 @@ class DatasetWriter:
         self, folder: Path, model: Model, fps: int, task: str, cameras: Sequence[str] = ()
     ) -> None:
         require_pyarrow()
-        self.folder, self.fps, self._task = folder, fps, task
+        self.folder, self.fps, self._task, self._arm = folder, fps, task, model.name
         self._cameras = {f"observation.images.{name}": name for name in cameras}
         self._names = list(JointValues(model).features)
         self._features: dict[str, Any] | None = None
         self._rows: list[Row] = []
         self._tasks: list[str] = []
+        self._info: bytes | None = None  # the content of info.json
         if (folder / "meta" / "info.json").is_file():
             self._read_existing()
         elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -99,9 +105,12 @@ class DatasetWriter:
         """Write the episodes as one file of data, and the metadata of all episodes.
 
         Raises:
-            InputError: The pictures differ in size from those in the data set.
+            InputError: The pictures differ in size from those in the data set, or another program
+                has changed it.
             FileWriteError: A file cannot be written; the data set is as before.
         """
+        if self._read_info() != self._info:
+            raise InputError(f"{self.folder} was changed meanwhile.", "Record to a new folder.")
         features = self._feature_table(episodes[0])
         if self._features not in (None, features):
             raise InputError(
@@ -113,40 +122,65 @@ class DatasetWriter:
         chunk_index = self._rows[-1]["data/chunk_index"] if self._rows else 0
         chunk_index += file_index // _FILES_PER_CHUNK
         file_index %= _FILES_PER_CHUNK
-        rows, tables = list(self._rows), list[Any]()
+        rows, parts = list(self._rows), list[tuple[Frames, Pictures]]()
         for episode in episodes:
             first = rows[-1]["dataset_to_index"] if rows else 0
             columns = _frames(episode, len(rows), first, self.fps, tasks.index(self._task))
-            tables.append(_data_table(columns, episode.pictures))
+            parts.append((columns, episode.pictures))
             row = self._episode_row(columns, episode.pictures)
             rows.append({**row, "data/chunk_index": chunk_index, "data/file_index": file_index})
         path = f"{_PATTERN}.parquet".format(chunk_index=chunk_index, file_index=file_index)
-        files = {self.folder / "data" / path: _parquet(tables)}
-        write_all_atomic(files | self._metadata(rows, tasks, features))
+        data = {self.folder / "data" / path: partial(_write_data, parts)}
+        metadata = self._metadata(rows, tasks, features)
+        write_all_atomic({**data, **metadata})  # info.json last: without it, nothing counts
         self._rows, self._tasks, self._features = rows, tasks, features
+        self._info = metadata[self.folder / "meta" / "info.json"]
+
+    def _read_info(self) -> bytes | None:
+        path = self.folder / "meta" / "info.json"
+        return path.read_bytes() if path.is_file() else None
 
     def _read_existing(self) -> None:
         """Read the metadata of a data set that was written here."""
         import pyarrow.parquet as pq  # noqa: PLC0415  # from the extra `dataset`
 
-        path = self.folder / "meta" / "info.json"
+        meta = self.folder / "meta"
         try:
-            info: Any = parse_json(read_text(path, _MAX_INFO_BYTES))
-            features, fps, kind = info["features"], info["fps"], info["robot_type"]
-            tasks = pq.read_table(self.folder / "meta" / "tasks.parquet").to_pylist()
-            rows = pq.read_table(self.folder / "meta" / "episodes" / _CHUNK).to_pylist()
-            self._tasks = [each["task"] for each in sorted(tasks, key=lambda t: t["task_index"])]
-            cameras = {key for key, each in features.items() if each["dtype"] == "image"}
-            names = features["action"]["names"]
-            is_whole = rows[-1]["dataset_to_index"] == info["total_frames"]
+            self._info = self._read_info()
+            info: Any = parse_json(read_text(meta / "info.json", _MAX_BYTES))
+            count, features = info["total_episodes"], info["features"]
+            paths = sorted((meta / "episodes").rglob("*.parquet"))
+            if sum(path.stat().st_size for path in [*paths, meta / "tasks.parquet"]) > _MAX_BYTES:
+                raise ValueError("its metadata are too large")
+            rows = [row for path in paths for row in pq.read_table(path).to_pylist()][:count]
+            tasks = pq.read_table(meta / "tasks.parquet").to_pylist()
+            tasks.sort(key=lambda row: row["task_index"])
+            self._tasks = [str(row.get("task", row.get("__index_level_0__"))) for row in tasks]
+            own = meta / "ikservo.json"
+            found = {
+                "frames": rows[-1]["dataset_to_index"],
+                "files of episodes": len(paths),
+                "frames per second": info["fps"],
+                "robot": info["robot_type"],
+                "joints": features["action"]["names"],
+                "cameras": sorted(
+                    key for key, each in features.items() if "image" in each["dtype"]
+                ),
+                "arm": parse_json(read_text(own, _MAX_BYTES))["arm"]
+                if own.is_file()
+                else self._arm,
+            }
+            total, places = info["total_frames"], [row["data/file_index"] + 1 for row in rows]
             self._statistics_of(rows, features)
-        except (KeyError, IndexError, TypeError, ValueError, AttributeError, OSError) as error:
+        except Exception as error:  # a damaged file may raise anything
             found = f"cannot be continued ({type(error).__name__}: {error})"
             raise FileFormatError(self.folder, "", found, "a data set of ikservo") from error
-        wanted = (self.fps, "ikservo", self._names, set(self._cameras), True)
-        if (fps, kind, names, cameras, is_whole) != wanted:
-            expected = f"{self.fps} frames/s, the joints of this arm and the same cameras"
-            raise FileFormatError(self.folder, "", "cannot be continued", expected)
+        wanted = {**dict(zip(found, (total, 1, self.fps, "ikservo", self._names,
+                                     sorted(self._cameras), self._arm), strict=True))}  # fmt: skip
+        for key, value in wanted.items():
+            if found[key] != value or min(places) < 1:
+                text = f"cannot be continued: its {key} are {found[key]}"
+                raise FileFormatError(self.folder, "", text, f"{value}")
         self._rows, self._features = rows, features
 
     def _feature_table(self, episode: NewEpisode) -> dict[str, Any]:
@@ -156,7 +190,7 @@ class DatasetWriter:
         pictures = {
             key: {
                 "dtype": "image",
-                "shape": [*_decode(episode.pictures[name][0]).shape],
+                "shape": [*_decode(episode.pictures[name](0)).shape],
                 "names": ["height", "width", "channels"],
             }
             for key, name in self._cameras.items()
@@ -168,7 +202,7 @@ class DatasetWriter:
             **{key: {"dtype": "int64", **single} for key in _COUNTERS},
         }
 
-    def _episode_row(self, frames: Frames, pictures: Mapping[str, Sequence[bytes]]) -> Row:
+    def _episode_row(self, frames: Frames, pictures: Pictures) -> Row:
         first, length = int(frames["index"][0, 0]), len(frames["index"])
         row: Row = {
             "episode_index": int(frames["episode_index"][0, 0]),
@@ -182,7 +216,7 @@ class DatasetWriter:
         for key, column in frames.items():
             row |= {f"stats/{key}/{name}": x for name, x in _statistics(column).items()}
         for key, name in self._cameras.items():
-            for what, values in _picture_statistics(pictures[name]).items():
+            for what, values in _picture_statistics(pictures[name], length).items():
                 row[f"stats/{key}/{what}"] = values
         return row
 
@@ -200,6 +234,7 @@ class DatasetWriter:
             meta / "episodes" / _CHUNK: _parquet([pa.Table.from_pylist(list(rows))]),
             meta / "tasks.parquet": _parquet([indexed]),
             meta / "stats.json": _json(statistics),
+            meta / "ikservo.json": _json({"arm": self._arm}),
             meta / "info.json": _json(_info(rows, len(tasks), features, self.fps)),
         }
 
@@ -294,19 +329,36 @@ def _parquet(tables: Sequence[pa.Table]) -> bytes:
     return file.getvalue()
 
 
-def _data_table(frames: Frames, pictures: Mapping[str, Sequence[bytes]]) -> pa.Table:
+def _write_data(parts: Sequence[tuple[Frames, Pictures]], file: BinaryIO) -> None:
+    """Write the frames of episodes to a file, a few at a time."""
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    with ExitStack() as exits:
+        writer: pq.ParquetWriter | None = None
+        for frames, pictures in parts:
+            count = len(frames["index"])
+            step = _BLOCK if pictures else count
+            for first in range(0, count, step):
+                table = _data_table(frames, pictures, range(first, min(first + step, count)))
+                writer = writer or exits.enter_context(pq.ParquetWriter(file, table.schema))
+                writer.write_table(table)
+
+
+def _data_table(frames: Frames, pictures: Pictures, span: range) -> pa.Table:
     import pyarrow as pa  # noqa: PLC0415
 
     columns: dict[str, Any] = {}
-    for key, rows in frames.items():
+    for key, whole in frames.items():
+        rows = whole[span.start : span.stop]
         if key in _JOINTS:
             flat = pa.array(rows.astype(np.float32).ravel())
             columns[key] = pa.FixedSizeListArray.from_arrays(flat, rows.shape[1])
         else:
             kind = np.int64 if key in _COUNTERS else np.float32
             columns[key] = pa.array(rows[:, 0].astype(kind))
-    for name, jpegs in pictures.items():
-        data, paths = pa.array(jpegs, pa.binary()), pa.nulls(len(jpegs), pa.string())
+    for name, jpeg_of in pictures.items():
+        data = pa.array([jpeg_of(frame) for frame in span], pa.binary())
+        paths = pa.nulls(len(span), pa.string())
         columns[f"observation.images.{name}"] = pa.StructArray.from_arrays(
             [data, paths], ["bytes", "path"]
         )
@@ -326,13 +378,16 @@ def _statistics(rows: Matrix) -> dict[str, list[float] | list[int]]:
     return found
 
 
-def _picture_statistics(jpegs: Sequence[bytes]) -> dict[str, Any]:
+def _picture_statistics(jpeg_of: Callable[[int], bytes], count: int) -> dict[str, Any]:
     """Return the statistics of the channels red, green and blue, 0 to 1, each (3, 1, 1)."""
-    step = max(1, len(jpegs) // _SAMPLED_PICTURES)
-    pixels = [_decode(jpeg)[::_PIXEL_STEP, ::_PIXEL_STEP].reshape(-1, 3) for jpeg in jpegs[::step]]
+    step = max(1, count // _SAMPLED_PICTURES)
+    pixels = [
+        _decode(jpeg_of(frame))[::_PIXEL_STEP, ::_PIXEL_STEP].reshape(-1, 3)
+        for frame in range(0, count, step)
+    ]
     found = _statistics(np.concatenate(pixels) / 255.0)
     shaped = {name: [[[x]] for x in values] for name, values in found.items() if name != "count"}
-    return {**shaped, "count": [len(jpegs)]}
+    return {**shaped, "count": [count]}
 
 
 def _decode(jpeg: bytes) -> NDArray[np.uint8]:

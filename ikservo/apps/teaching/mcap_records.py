@@ -101,7 +101,7 @@ class _BoundedReads:
 
 
 def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterator[Any]:  # noqa: ANN401  # mcap's
-    """Return the records in a chunk, inflated to at most its declared size; pass other records on."""
+    """Return the records in a chunk, inflated to its declared size at most; pass others on."""
     from mcap.records import Chunk, Message  # noqa: PLC0415
     from mcap.stream_reader import breakup_chunk  # noqa: PLC0415
 

@@ -153,9 +153,11 @@ def test_invalid_scene_is_refused_by_view(run_cli, tmp_path, arms, scene, senten
     ("line", "sentence"),
     [
         ("--port sim --task wave", "Add --record"),
-        ("so101=sim koch=sim --record {}/set", "needs exactly one arm, not 2"),
-        ("--record {}/set", "needs exactly one arm, not 0"),
-        ("--port sim --record {}", "is not a data set"),
+        ("so101=sim koch=sim --task wave --record {}/set", "needs exactly one arm, not 2"),
+        ("--task wave --record {}/set", "needs exactly one arm, not 0"),
+        ("--port sim --task wave --record {}", "is not a data set"),
+        ("--port sim --task wave --record {}/mine.txt", "is a file"),
+        ("--port sim --record {}/set", "have no task"),
     ],
 )
 def test_view_refuses_unusable_data_set_before_serving(run_cli, tmp_path, line, sentence):

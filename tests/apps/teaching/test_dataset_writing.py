@@ -1,6 +1,8 @@
 """Episodes with pictures are added to a data set, which is continued later or refused."""
 
 import json
+import os
+import shutil
 
 import cv2
 import numpy as np
@@ -9,7 +11,13 @@ import pyarrow.parquet as pq
 import pytest
 
 import ikservo
-from ikservo.apps.page.panels.episode_panel import FPS, EpisodeSample, camera_feature, resample
+from ikservo.apps.page.panels.episode_panel import (
+    FPS,
+    EpisodeSample,
+    StoredPictures,
+    camera_feature,
+    resample,
+)
 from ikservo.apps.teaching.dataset_reading import read_dataset
 from ikservo.apps.teaching.dataset_writing import DatasetWriter, NewEpisode
 from ikservo.apps.teaching.lerobot_values import JointValues
@@ -29,7 +37,7 @@ def jpeg(level, width=WIDTH):
 def episode(count, value=0.0, levels=None, width=WIDTH):
     rows = value + np.tile(np.arange(count, dtype=float)[:, None], (1, len(MODEL.joints)))
     levels = levels or [200] * count
-    return NewEpisode(rows, rows + 1.0, {"left": [jpeg(each, width) for each in levels]})
+    return NewEpisode(rows, rows + 1.0, {"left": lambda frame: jpeg(levels[frame], width)})
 
 
 def writer(folder, **changes):
@@ -92,6 +100,55 @@ def test_combined_statistics_are_those_of_all_frames(tmp_path):
     assert found["count"] == [70]
 
 
+def test_changed_data_set_is_not_overwritten(tmp_path):
+    folder = tmp_path / "set"
+    first = writer(folder)
+    first.add([episode(5)])
+    second = writer(folder)
+    second.add([episode(6)])
+    with pytest.raises(InputError, match="was changed meanwhile"):
+        first.add([episode(7)])
+    shutil.rmtree(folder)
+    with pytest.raises(InputError, match="was changed meanwhile"):
+        second.add([episode(7)])
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("killed_before", range(1, 6))
+def test_data_set_is_continued_after_a_kill_while_saving(tmp_path, monkeypatch, killed_before):
+    folder, renamed, replace = tmp_path / "set", [], os.replace
+    added = writer(folder)
+    added.add([episode(5)])
+
+    def kill(*names):
+        renamed.append(names)
+        if len(renamed) > killed_before:
+            raise KeyboardInterrupt
+        replace(*names)
+
+    monkeypatch.setattr(os, "replace", kill)
+    with pytest.raises(KeyboardInterrupt):
+        added.add([episode(6)])
+    monkeypatch.undo()
+    continued = writer(folder)
+    assert continued.episodes == 1
+    continued.add([episode(7, 20.0)])
+    read = read_dataset(folder)
+    assert [len(each.times_s) for each in read.episodes] == [5, 7]
+    assert read.episodes[1].values[0, 0] == 20.0
+
+
+def test_data_set_from_which_lerobot_deleted_is_continued(tmp_path):
+    folder = tmp_path / "set"
+    writer(folder).add([episode(5)])
+    path = folder / "meta" / "tasks.parquet"
+    row = {"task_index": 0, "__index_level_0__": "stack"}  # as pandas writes it
+    pq.write_table(pa.Table.from_pylist([row]), path)
+    again = writer(folder)
+    again.add([episode(6)])
+    assert pq.read_table(path).column("task").to_pylist() == ["stack"]
+
+
 def forget_the_rate(folder):
     info = info_of(folder)
     del info["fps"]
@@ -120,10 +177,16 @@ def test_damaged_data_set_is_not_continued(tmp_path, spoil):
 
 
 @pytest.mark.parametrize(
-    "changes", [{"model": ikservo.load_model("px100")}, {"fps": 15}, {"cameras": ["left", "top"]},
-                {"cameras": []}],
-    ids=["other joints", "another rate", "one camera more", "no camera"],
-)  # fmt: skip
+    "changes",
+    [
+        {"model": ikservo.load_model("koch")},  # with the same joints
+        {"model": ikservo.load_model("px100")},
+        {"fps": 15},
+        {"cameras": ["left", "top"]},
+        {"cameras": []},
+    ],
+    ids=["another arm", "other joints", "another rate", "one camera more", "no camera"],
+)
 def test_data_set_of_another_arm_or_rate_is_not_continued(tmp_path, changes):
     folder = tmp_path / "set"
     writer(folder).add([episode(5)])
@@ -163,14 +226,21 @@ def test_data_set_is_as_before_if_an_episode_cannot_be_written(tmp_path, monkeyp
     assert [len(each.times_s) for each in read_dataset(folder).episodes] == [5, 6]
 
 
-def samples(times_s, delays_s, references):
+class Numbers:
+    """Pictures whose data are their numbers."""
+
+    def read(self, number):
+        return number
+
+
+def samples(times_s, delays_s, set_points):
     """Return samples of joints that move at 1 rad/s from 0."""
     joints = len(MODEL.joints)
     return [
         EpisodeSample(at_s, at_s - delay_s, np.full(joints, at_s - delay_s),
-                      None if reference is None else np.full(joints, reference),
-                      (f"{at_s:.3f}".encode(),))
-        for at_s, delay_s, reference in zip(times_s, delays_s, references, strict=True)
+                      None if goal is None else np.full(joints, goal), (number,))
+        for number, (at_s, delay_s, goal) in
+        enumerate(zip(times_s, delays_s, set_points, strict=True))
     ]  # fmt: skip
 
 
@@ -180,8 +250,8 @@ def test_joints_are_interpolated_between_their_readings():
     found = resample(samples(times_s, rng.uniform(0, 0.015, 200), [0.5] * 200), JointValues(MODEL))
     frames_s = times_s[0] + np.arange(len(found.state)) / FPS
     positions = JointValues(MODEL).rows_to_positions(found.state)
-    np.testing.assert_allclose(positions[1:-1, 0], frames_s[1:-1], atol=1e-6)
-    assert len(found.state) == 1 + int((times_s[-1] - times_s[0]) * FPS)
+    np.testing.assert_allclose(positions[1:-2, 0], frames_s[1:-2], atol=1e-6)
+    assert len(found.state) == 1 + round((times_s[-1] - times_s[0]) * FPS)
 
 
 def test_action_is_set_point_or_next_joints_of_a_limp_arm():
@@ -193,10 +263,21 @@ def test_action_is_set_point_or_next_joints_of_a_limp_arm():
     np.testing.assert_allclose(action[30:-1], times_s[31:], atol=1e-6)
 
 
-def test_each_frame_has_the_newest_picture_before_it():
-    times_s = np.array([0.0, 0.050, 0.070, 0.120])
-    found = resample(samples(times_s, [0.0] * 4, [0.0] * 4), JointValues(MODEL), ["left"])
-    assert found.pictures["left"] == [b"0.000", b"0.000", b"0.050", b"0.070"]
+def test_frame_has_the_picture_of_the_nearest_sample():
+    rng = np.random.default_rng(3)
+    late_s = np.concatenate([[0.0], rng.uniform(1e-4, 1e-3, 299)])  # as a thread wakes up
+    times_s = np.arange(300) / FPS + late_s
+    found = resample(samples(times_s, [0.0] * 300, [0.0] * 300), JointValues(MODEL),
+                     {"left": Numbers()})  # fmt: skip
+    assert [found.pictures["left"](k) for k in range(len(found.state))] == list(range(300))
+
+
+def test_pictures_are_read_back_as_they_were_stored(tmp_path):
+    stored = StoredPictures(tmp_path)
+    numbers = [stored.append(bytes([k]) * (k + 1)) for k in range(9)]
+    assert [stored.read(k) for k in reversed(numbers)] == [bytes([k]) * (k + 1)
+                                                           for k in reversed(range(9))]  # fmt: skip
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,11 @@ class StructArray(Array):
 class ChunkedArray:
     def to_pylist(self) -> list[Any]: ...
 
+class Schema: ...
+
 class Table:
     num_rows: int
+    schema: Schema
     column_names: list[str]
     @staticmethod
     def from_pylist(mapping: Sequence[Mapping[str, object]]) -> Table: ...

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
+import tempfile
 import threading
-from collections.abc import Sequence
+import weakref
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,19 +16,23 @@ import numpy as np
 
 from ikservo.apps.page.messages.page_messages import RecordEpisode
 from ikservo.apps.page.panels.page_cameras import ArmCameras
+from ikservo.apps.page.panels.video import VideoSource
 from ikservo.apps.page.running.arm_thread import ArmThread
 from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.teaching.dataset_writing import DatasetWriter, NewEpisode, rows_at
 from ikservo.apps.teaching.lerobot_values import JointValues
-from ikservo.clock import Clock, Rate
+from ikservo.cli.terminal import print_status
+from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
+from ikservo.files.writing import make_folder
 from ikservo.kinematics.arrays import Vector
 
 FPS = 30
-_OLD_S = 0.5  # an episode ends if the arm was not read for longer
+_OLD_S = 0.5  # an episode ends if the joints or a picture are older
+_SILENT_S = 2.0  # an episode ends if the page in control is silent for longer
+_CAMERAS_S = 5.0  # time for the cameras to deliver their first pictures
 _LONGEST_S = 600.0
-_MOST_PICTURE_BYTES = 256 * 1024 * 1024  # per episode, because they are kept in memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,28 +56,48 @@ class EpisodeSample:
         time_s: The time at which the sample was taken.
         read_s: The time at which the joints were read.
         measured: The measured joints (n,).
-        reference: The set-points (n,); None if no control loop runs.
-        pictures: The newest picture of each camera, as JPEG data.
+        set_point: The set-points (n,) of the servos; None if torque is off.
+        pictures: The number of the newest picture of each camera among the stored ones.
     """
 
     time_s: float
     read_s: float
     measured: Vector
-    reference: Vector | None
-    pictures: tuple[bytes, ...]
+    set_point: Vector | None
+    pictures: tuple[int, ...] = ()
+
+
+class StoredPictures:
+    """Pictures as JPEG data in a temporary file, because an episode may not fit into memory."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # closed with the object
+        weakref.finalize(self, self._file.close)
+        self._ends = [0]
+
+    def append(self, jpeg: bytes) -> int:
+        """Store a picture; return its number."""
+        self._file.seek(self._ends[-1])
+        self._file.write(jpeg)
+        self._ends.append(self._ends[-1] + len(jpeg))
+        return len(self._ends) - 2
+
+    def read(self, number: int) -> bytes:
+        """Return a stored picture."""
+        begin, end = self._ends[number : number + 2]
+        self._file.seek(begin)
+        return self._file.read(end - begin)
 
 
 class EpisodePanel:
-    """Begins, saves and discards episodes.
-
-    The arm is sampled in a separate thread.
+    """Begins, saves and discards episodes; the arm is sampled in a separate thread.
 
     Args:
         arm_thread: Owns the arm.
         clock: The clock of the page.
         place: The data set.
         cameras: The cameras of the arm; every camera is recorded.
-        exits: Stack that saves a running episode at the end.
+        exits: Stack that saves a recorded episode when the arm is closed.
 
     Raises:
         IkservoError: The data set cannot be continued, or a camera cannot be opened.
@@ -85,15 +111,14 @@ class EpisodePanel:
         cameras: ArmCameras | None,
         exits: ExitStack,
     ) -> None:
-        self._arm_thread, self._clock = arm_thread, clock
-        self._values = JointValues(arm_thread.arm.model)
-        videos = cameras.open_all() if cameras is not None else {}
-        self._videos = {camera_feature(title): video for title, video in videos.items()}
+        self._arm_thread, self._clock, self._arm = arm_thread, clock, arm_thread.arm
+        self._values = JointValues(self._arm.model)
+        self._videos: dict[str, VideoSource] = {}
+        for title, video in (cameras.open_all() if cameras is not None else {}).items():
+            self._videos[_unused_name(camera_feature(title), self._videos)] = video
         self._writer = DatasetWriter(
-            place.folder, arm_thread.arm.model, FPS, place.task, list(self._videos)
+            place.folder, self._arm.model, FPS, place.task, list(self._videos)
         )
-        for video in self._videos.values():
-            exits.enter_context(video.watched(1.0 / FPS))
         exits.callback(self._finish)
         self._samples: list[EpisodeSample] = []
         self._state, self._text = "idle", ""
@@ -101,34 +126,32 @@ class EpisodePanel:
         self._thread: threading.Thread | None = None
 
     def handle(self, message: RecordEpisode) -> None:
-        """Begin an episode, or save or discard the one that was recorded.
+        """Begin an episode, or save or discard the recorded one.
 
         Raises:
-            InputError: There is nothing to save, an episode is being recorded already, or a camera
-                delivers no pictures.
+            InputError: There is nothing to save, or the arm or the last episode is not ready.
         """
         if message.action == "begin":
             self._begin()
-            return
-        if self._state not in ("recording", "ended"):
+        elif self._state not in ("recording", "ended"):
             raise InputError("No episode is being recorded.")
-        self._end_sampling()
-        if message.action == "discard":
+        elif message.action == "discard":
+            self._end_sampling()
             self._state, self._text, self._samples = "idle", "", []
-        elif not self._samples:
-            raise InputError("The episode has no frames.", "Discard it.")
         else:
+            self._end_sampling()
+            if not self._samples:
+                raise InputError(f"{self._text} The episode has no frames.".strip(), "Discard it.")
             self._state, self._text = "saving", ""
-            self._thread = threading.Thread(target=self._save, name="ikservo episode", daemon=True)
-            self._thread.start()
+            self._start(self._save)
 
     def frames(self, client: Client) -> list[Frame]:
         """Return the new state of the recording for a client."""
-        duration_s = self._samples[-1].time_s - self._samples[0].time_s if self._samples else 0.0
+        samples = self._samples
         fields: Frame = {
             "kind": "episode",
             "state": self._state,
-            "seconds": math.floor(duration_s),
+            "seconds": int(samples[-1].time_s - samples[0].time_s) if samples else 0,
             "episodes": self._writer.episodes,
             "text": self._text,
         }
@@ -139,15 +162,17 @@ class EpisodePanel:
 
     def _begin(self) -> None:
         if self._state != "idle":
-            raise InputError("An episode is being recorded.", "Save or discard it first.")
-        for name, video in self._videos.items():
-            if not video.is_fresh:
-                raise InputError(
-                    f"Camera {name} delivers no pictures.", video.trouble or "Try again."
-                )
+            raise InputError("The last episode is not finished.", "Save or discard it first.")
+        reason = self._reason_to_end()
+        if reason:
+            raise InputError(reason, "Nothing is recorded.")
+        make_folder(self._writer.folder)
         self._state, self._text, self._samples = "recording", "", []
         self._ended.clear()
-        self._thread = threading.Thread(target=self._run, name="ikservo episode", daemon=True)
+        self._start(self._record)
+
+    def _start(self, work: Callable[[], None]) -> None:
+        self._thread = threading.Thread(target=work, name="ikservo episode", daemon=True)
         self._thread.start()
 
     def _end_sampling(self) -> None:
@@ -155,71 +180,126 @@ class EpisodePanel:
         if self._thread is not None:
             self._thread.join()
 
-    def _run(self) -> None:
-        """Take a sample per frame until the episode ends."""
-        picture_bytes = 0
-        for elapsed_s in Rate(self._clock, 1.0 / FPS):
-            if self._ended.is_set():
-                return
-            reason = self._reason_to_end()
-            if elapsed_s > _LONGEST_S or picture_bytes > _MOST_PICTURE_BYTES:
-                reason = "The episode has reached its greatest length."
-            if reason:
-                self._state, self._text = "ended", reason
-                return
+    def _record(self) -> None:
+        """Sample the arm until the episode ends; cameras are read only meanwhile."""
+        with ExitStack() as exits:
+            for video in self._videos.values():
+                exits.enter_context(video.watched(1.0 / FPS))
+            try:
+                folder = self._writer.folder
+                self._pictures = {name: StoredPictures(folder) for name in self._videos}
+                reason = self._wait_for_cameras() or self._sample_until_end()
+            except OSError as error:
+                reason = f"Pictures cannot be stored: {error.strerror}."
+        if reason:
+            self._state, self._text = "ended", reason
+
+    def _wait_for_cameras(self) -> str:
+        """Wait for a picture of each camera; return why one is missing, or an empty text."""
+        until_s = self._clock.now_s() + _CAMERAS_S
+        while missing := [each for each in self._videos.values() if each.age_s() > _OLD_S]:
+            if self._clock.now_s() > until_s:
+                return missing[0].trouble or f"No picture from {missing[0].name}."
+            if self._ended.wait(1.0 / FPS):
+                break
+        self._sizes = [video.newest_size for video in self._videos.values()]
+        return ""
+
+    def _sample_until_end(self) -> str:
+        """Take a sample per frame until the episode ends; return why it cannot go on."""
+        start_s = self._clock.now_s()
+        newest = dict.fromkeys(self._videos, -1)  # numbers of the cameras' pictures
+        stored = dict.fromkeys(self._videos, 0)
+        while not self._ended.is_set():
             now_s, snapshot = self._clock.now_s(), self._arm_thread.snapshot
-            pictures = tuple(video.jpeg for video in self._videos.values())
-            picture_bytes += sum(map(len, pictures))
+            reason = self._reason_to_end() or self._camera_problem()
+            if reason or now_s - start_s > _LONGEST_S:
+                return reason or f"An episode lasts {_LONGEST_S:.0f} s at most."
+            for name, video in self._videos.items():
+                picture = video.picture
+                if picture is not None and picture.number != newest[name]:
+                    newest[name] = picture.number
+                    stored[name] = self._pictures[name].append(picture.jpeg)
+            torque = any(state.torque for state in snapshot.states)
+            reference = snapshot.start if snapshot.reference is None else snapshot.reference
             self._samples.append(
                 EpisodeSample(
-                    now_s, snapshot.read_s, snapshot.measured, snapshot.reference, pictures
+                    now_s, snapshot.read_s, snapshot.measured, reference if torque else None,
+                    tuple(stored.values()),
                 )
-            )
+            )  # fmt: skip
+            due_s = start_s + len(self._samples) / FPS
+            self._ended.wait(max(0.0, due_s - self._clock.now_s()))
+        return ""
 
     def _reason_to_end(self) -> str:
-        """Return why an episode cannot go on; empty if it can."""
-        snapshot = self._arm_thread.snapshot
+        """Return why an episode cannot begin or go on; empty if it can."""
+        snapshot, lease = self._arm_thread.snapshot, self._arm_thread.lease
         if snapshot.stop_notice:
-            return "The arm was stopped."
-        if self._arm_thread.lease.holder is None:
-            return "The page in control was closed."
+            return "The arm is stopped."
+        if snapshot.calibration or self._arm_thread.arm is not self._arm:
+            self._arm = self._arm_thread.arm
+            return "The arm was calibrated or opened again."
+        if lease.holder is None or lease.silence_s() > _SILENT_S:
+            return "No page controls the arm."
         if self._clock.now_s() - snapshot.read_s > _OLD_S:
             return "The arm does not answer."
-        if not all(video.is_fresh for video in self._videos.values()):
-            return "A camera delivers no pictures any more."
+        return ""
+
+    def _camera_problem(self) -> str:
+        for video, size in zip(self._videos.values(), self._sizes, strict=True):
+            if video.age_s() > _OLD_S:
+                return f"No picture from {video.name} any more."
+            if video.newest_size != size:
+                return f"The pictures of {video.name} have another size than before."
         return ""
 
     def _save(self) -> None:
         """Write the episode; if that fails, it can be saved again."""
         try:
-            self._writer.add([resample(self._samples, self._values, list(self._videos))])
-        except IkservoError as error:
-            self._state, self._text = "ended", f"{error.message} {error.hint}".strip()
-        else:
-            self._samples = []
-            self._state, self._text = "idle", f"Episode {self._writer.episodes - 1} is saved."
+            self._write()
+        except Exception as error:  # whatever it is, the episode must not be lost
+            ours = isinstance(error, IkservoError)
+            text = f"{error.message} {error.hint}" if ours else f"It cannot be saved: {error!r}."
+            self._state, self._text = "ended", text.strip()
+
+    def _write(self) -> None:
+        self._writer.add([resample(self._samples, self._values, self._pictures)])
+        self._samples = []
+        self._state, self._text = "idle", ""
 
     def _finish(self) -> None:
-        """Save what was recorded when the arm is closed."""
-        if self._state in ("recording", "ended"):
-            self._end_sampling()
-            if self._samples:
-                self._save()
-        elif self._thread is not None:
-            self._thread.join()
+        """Save what was recorded when the arm is closed.
+
+        Raises:
+            IkservoError: The episode cannot be saved.
+        """
+        self._end_sampling()
+        if self._samples:
+            print_status(f"Saving the recorded episode to {self._writer.folder} …")
+            self._write()
 
 
 def resample(
-    samples: Sequence[EpisodeSample], values: JointValues, cameras: Sequence[str] = ()
+    samples: Sequence[EpisodeSample],
+    values: JointValues,
+    stored: Mapping[str, StoredPictures] | None = None,
 ) -> NewEpisode:
     """Convert samples to an episode at the rate of the data set.
 
     Joints and set-points are interpolated between the times at which they were read; each frame
-    has the newest picture before it. The action is the set-point; without a control loop, it is the
-    joint positions in the next frame.
+    has the pictures of the nearest sample. The action is the set-point; for a limp arm, it is the
+    joints of the next frame.
+
+    Args:
+        samples: The samples, at about this rate.
+        values: The values of the joints.
+        stored: The pictures of each camera, by the numbers in the samples.
     """
-    begin_s, end_s = samples[0].time_s, samples[-1].time_s
-    grid_s = begin_s + np.arange(1 + int((end_s - begin_s) * FPS + 1e-6)) / FPS
+    times_s = [sample.time_s for sample in samples]
+    count = 1 + int((times_s[-1] - times_s[0]) * FPS + 0.5)
+    grid_s = times_s[0] + np.arange(count) / FPS
+    nearest = [bisect_right(times_s, at_s + 0.5 / FPS) - 1 for at_s in grid_s.tolist()]
     read = [samples[0]]
     for sample in samples[1:]:
         if sample.read_s > read[-1].read_s:
@@ -227,17 +307,17 @@ def resample(
     read_s = np.array([sample.read_s for sample in read])
     state = rows_at(grid_s, read_s, np.array([sample.measured for sample in read]))
     action = np.concatenate([state[1:], state[-1:]])
-    driven = [sample for sample in read if sample.reference is not None]
+    driven = [sample for sample in read if sample.set_point is not None]
     if driven:
-        driven_s = np.array([sample.read_s for sample in driven])
-        set_points = np.array([sample.reference for sample in driven], dtype=np.float64)
-        newest = np.maximum(np.searchsorted(read_s, grid_s, side="right") - 1, 0)
-        is_driven = np.array([sample.reference is not None for sample in read])[newest]
-        set_points = rows_at(grid_s, driven_s, set_points)
-        action = np.where(is_driven[:, None], set_points, action)
-    times_s = np.array([sample.time_s for sample in samples])
-    shown = [samples[int(k)] for k in np.searchsorted(times_s, grid_s + 1e-9, side="right") - 1]
-    pictures = {name: [each.pictures[i] for each in shown] for i, name in enumerate(cameras)}
+        set_points = np.array([sample.set_point for sample in driven], dtype=np.float64)
+        set_points = rows_at(grid_s, np.array([sample.read_s for sample in driven]), set_points)
+        is_driven = [samples[k].set_point is not None for k in nearest]
+        action = np.where(np.array(is_driven)[:, None], set_points, action)
+
+    def reader(i: int, pictures: StoredPictures) -> Callable[[int], bytes]:
+        return lambda frame: pictures.read(samples[nearest[frame]].pictures[i])
+
+    pictures = {name: reader(i, each) for i, (name, each) in enumerate((stored or {}).items())}
     return NewEpisode(
         values.rows_from_positions(state), values.rows_from_positions(action), pictures
     )
@@ -246,3 +326,9 @@ def resample(
 def camera_feature(title: str) -> str:
     """Return the name of a camera in a data set, such as ``camera_0``."""
     return re.sub(r"[^A-Za-z0-9]+", "_", title).strip("_").lower() or "camera"
+
+
+def _unused_name(name: str, used: Mapping[str, object]) -> str:
+    while name in used:
+        name += "_2"
+    return name

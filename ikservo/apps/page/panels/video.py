@@ -22,6 +22,7 @@ from ikservo.files.public_source import public_source
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
 _PERIOD_S = 1.0 / 15.0  # least time between two pictures that are only shown
+_EARLY = 0.7  # fraction of that time after which a picture is kept: cameras jitter
 _RETRY_S = 1.0  # time until a failed camera is opened again
 _OLD_S = 2.0  # time without a picture after which the page reports it
 _LOST_S = 10.0  # time without a picture after which the camera may be unplugged
@@ -132,9 +133,18 @@ class VideoSource:
         return self._picture is not None and self._clock.now_s() - self._read_s < _OLD_S
 
     @property
-    def jpeg(self) -> bytes:
-        """JPEG data of the newest picture; empty before the first."""
-        return b"" if self._picture is None else self._picture.jpeg
+    def picture(self) -> Picture | None:
+        """The newest picture as JPEG data; None before the first."""
+        return self._picture
+
+    @property
+    def newest_size(self) -> tuple[int, ...]:
+        """Height and width of the newest picture; empty before the first."""
+        return () if self.newest is None else self.newest.shape[:2]
+
+    def age_s(self) -> float:
+        """Return the age of the newest picture; infinite before the first."""
+        return math.inf if self._picture is None else self._clock.now_s() - self._read_s
 
     @contextlib.contextmanager
     def watched(self, period_s: float) -> Generator[None]:
@@ -144,6 +154,7 @@ class VideoSource:
         try:
             yield
         finally:
+            self._period_s = _PERIOD_S
             self._watchers -= 1
 
     def _begin_watching(self) -> None:
@@ -205,7 +216,7 @@ class VideoSource:
         now_s = self._clock.now_s()
         if self._is_paced:
             self._ending.wait(self._period_s)
-        elif now_s - self._read_s < self._period_s:
+        elif now_s - self._read_s < _EARLY * self._period_s:
             return
         import cv2  # noqa: PLC0415  # from the extra `camera`
 

@@ -194,9 +194,9 @@ export class Hand {
     setText($("hand-state"), this.failure || `${held ? "Moves with your hand" : "Hold to move"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
   }
 
-  buzz() {
-    if (this.pulse) this.pulse(BUZZ_MS);
-    else navigator.vibrate?.(BUZZ_MS);
+  buzz(ms = BUZZ_MS) {
+    if (this.pulse) this.pulse(ms);
+    else navigator.vibrate?.(ms);
   }
 }
 

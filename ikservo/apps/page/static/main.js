@@ -144,8 +144,8 @@ $("grasp").onclick = () => {
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
-const episode = new Episode(send);
 const hand = new Hand(send, gamepads, () => stopButton.press("gamepad"), () => episode.toggle(), drawFrame);
+const episode = new Episode(send, (ms) => hand.session && hand.buzz(ms));
 
 const isOn = (button) => button.getAttribute("aria-checked") === "true";
 
@@ -164,6 +164,7 @@ function showStatus(status) {
   actions.show(status);
   leader.show(status);
   appPanels.setReady(isIdle(status));
+  episode.setReady(status.controller === "you");
   $("grasp").disabled = !isIdle(status);
   $("grasp").hidden = view !== "camera" || !armInfo.gripper;
   if ($("grasp").hidden && isOn($("grasp"))) takeClick(null);
