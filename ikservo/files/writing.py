@@ -218,11 +218,13 @@ def _write_beside(path: Path, data: bytes | Callable[[BinaryIO], object], privat
             with contextlib.suppress(OSError):  # FAT and network disks store no permissions
                 os.fchmod(handle, mode)
         try:
-            with os.fdopen(handle, "wb", closefd=False) as file:
-                if callable(data):
+            if callable(data):
+                with os.fdopen(handle, "wb", closefd=False) as file:
                     data(file)
-                else:
-                    file.write(data)
+            else:
+                left = memoryview(data)
+                while left:
+                    left = left[os.write(handle, left) :]
             os.fsync(handle)
         finally:
             os.close(handle)

@@ -232,9 +232,17 @@ def test_camera_is_read_only_during_an_episode(filmed, webcam):
 def test_unplugged_camera_ends_the_episode(filmed, webcam):
     filmed.record(0.8)
     webcam.plugged = False
-    assert "No picture from camera 0" in filmed.until("ended")["text"]
+    assert "camera 0 was interrupted" in filmed.until("ended")["text"]
     filmed.send("save")
     assert filmed.until("idle")["episodes"] == 1
+
+
+def test_camera_that_is_plugged_in_again_ends_the_episode(filmed, webcam):
+    filmed.record(0.8)
+    webcam.plugged = False
+    time.sleep(0.1)
+    webcam.plugged = True
+    assert "interrupted" in filmed.until("ended")["text"]
 
 
 def test_missing_camera_is_named_and_nothing_is_recorded(filmed, webcam, monkeypatch):
@@ -250,7 +258,7 @@ def test_missing_camera_is_named_and_nothing_is_recorded(filmed, webcam, monkeyp
 def test_camera_that_changes_its_size_ends_the_episode(filmed, webcam):
     filmed.record(0.8)
     webcam.read = lambda: (time.sleep(0.01), (True, np.zeros((48, 64, 3), np.uint8)))[1]
-    assert "another size" in filmed.until("ended")["text"]
+    assert "changed their size" in filmed.until("ended")["text"]
 
 
 def test_cameras_of_the_same_name_get_different_columns(tmp_path, webcam):

@@ -29,7 +29,8 @@ from ikservo.files.writing import make_folder
 from ikservo.kinematics.arrays import Vector
 
 FPS = 30
-_OLD_S = 0.5  # an episode ends if the joints or a picture are older
+_OLD_S = 0.5  # an episode ends if the joints are older
+_OLD_PICTURE_S = 2.0  # or a picture; a simulated camera is slow
 _SILENT_S = 2.0  # an episode ends if the page in control is silent for longer
 _CAMERAS_S = 5.0  # time for the cameras to deliver their first pictures
 _LONGEST_S = 600.0
@@ -197,12 +198,12 @@ class EpisodePanel:
     def _wait_for_cameras(self) -> str:
         """Wait for a picture of each camera; return why one is missing, or an empty text."""
         until_s = self._clock.now_s() + _CAMERAS_S
-        while missing := [each for each in self._videos.values() if each.age_s() > _OLD_S]:
+        while missing := [each for each in self._videos.values() if each.age_s() > _OLD_PICTURE_S]:
             if self._clock.now_s() > until_s:
                 return missing[0].trouble or f"No picture from {missing[0].name}."
             if self._ended.wait(1.0 / FPS):
                 break
-        self._sizes = [video.newest_size for video in self._videos.values()]
+        self._series = [video.series for video in self._videos.values()]
         return ""
 
     def _sample_until_end(self) -> str:
@@ -247,11 +248,11 @@ class EpisodePanel:
         return ""
 
     def _camera_problem(self) -> str:
-        for video, size in zip(self._videos.values(), self._sizes, strict=True):
-            if video.age_s() > _OLD_S:
+        for video, series in zip(self._videos.values(), self._series, strict=True):
+            if video.age_s() > _OLD_PICTURE_S:
                 return f"No picture from {video.name} any more."
-            if video.newest_size != size:
-                return f"The pictures of {video.name} have another size than before."
+            if video.series != series:
+                return f"{video.name} was interrupted, or its pictures changed their size."
         return ""
 
     def _save(self) -> None:

@@ -81,7 +81,7 @@ class VideoSource:
         self.hint = ""
         self._picture: Picture | None = None
         self._read_s, self._error = -math.inf, ""
-        self._watchers = 0
+        self._watchers = self._openings = 0
         self._period_s = _PERIOD_S
         self._watched_s = math.inf  # time since which a page shows it
         self._wanted, self._ending = threading.Event(), threading.Event()
@@ -138,9 +138,9 @@ class VideoSource:
         return self._picture
 
     @property
-    def newest_size(self) -> tuple[int, ...]:
-        """Height and width of the newest picture; empty before the first."""
-        return () if self.newest is None else self.newest.shape[:2]
+    def series(self) -> tuple[int, ...]:
+        """A value that changes if the camera is opened again or its pictures change their size."""
+        return () if self.newest is None else (self._openings, *self.newest.shape[:2])
 
     def age_s(self) -> float:
         """Return the age of the newest picture; infinite before the first."""
@@ -201,6 +201,7 @@ class VideoSource:
     def _read_while_watched(self) -> None:
         """Read until no page shows the pictures or the camera fails."""
         capture = self._open(self.source)
+        self._openings += not self._is_file  # a file is repeated
         try:
             self._error = "" if capture.isOpened() else f"{self.name} cannot be opened."
             while self._watchers and not self._ending.is_set() and not self._error:
