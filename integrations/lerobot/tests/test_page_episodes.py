@@ -83,10 +83,10 @@ def record_circles(name, folder, episodes):
         hand.send(kind="set_speed", name="fast")
         hand.send(kind="set_live", on=True)
         hand.until(lambda: arm.arm_thread.snapshot.reference is not None)
-        hand.until(lambda: arm.video.is_fresh)
         hand.raise_tip(1)
         for number in range(episodes):
             hand.send(kind="record_episode", action="begin")
+            hand.until(lambda: hand.episode.get("seconds"))  # the camera delivers pictures
             hand.draw_circles(number + 2)
             hand.send(kind="record_episode", action="save")
             hand.until(lambda n=number: hand.episode.get("episodes") == n + 1)
