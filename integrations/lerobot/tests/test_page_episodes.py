@@ -19,8 +19,8 @@ from ikservo.apps.teaching.dataset_reading import read_dataset
 from ikservo.apps.teaching.lerobot_values import JointValues
 
 ARMS = ("so101", "koch", "omx_f", "wx250s")
-CIRCLE_M, LAP_S, LAPS = 0.03, 4.0, 2
-RAISE_M = 0.04  # away from contacts of the pose in which the arm begins
+CIRCLE_M, LAP_S, LAPS = 0.02, 2.5, 3  # 50 mm/s; a larger circle meets a limit of the SO-101's wrist
+RAISE_M = 0.02  # away from contacts of the pose in which the arm begins
 RATE_HZ = 60.0
 NEAR_M = 2e-3
 
