@@ -62,6 +62,7 @@ def test_discarded_episode_is_not_in_the_data_set(recording):
     operator, folder = recording
     record_drag(operator, (50, 0))
     operator.page.click("#episode-discard")
+    operator.page.click("#episode-discard")  # sure
     operator.until("document.getElementById('episode').dataset.state === 'idle'")
     record_drag(operator, (-50, 0))
     saved(operator, 1)

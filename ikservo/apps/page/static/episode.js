@@ -2,6 +2,7 @@
 
 const PULSES = { idle: 60, recording: 150, ended: 400 }; // for a controller, in ms
 
+import { ask } from "./confirm.js";
 import { $, setText } from "./elements.js";
 
 export class Episode {
@@ -11,7 +12,7 @@ export class Episode {
     this.state = "idle";
     $("episode-begin").onclick = () => this.request("begin");
     $("episode-save").onclick = () => this.request("save");
-    $("episode-discard").onclick = () => this.request("discard");
+    $("episode-discard").onclick = () => ask($("episode-discard"), "Sure?", () => this.request("discard"));
   }
 
   request(action) {

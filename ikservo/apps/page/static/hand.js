@@ -20,6 +20,7 @@ export class Hand {
     this.fingers = new Map(); // positions by pointer id: the first one holds, with a second one up is forward
     this.touched = [0, 0, 0]; // displacement by touch, in metres: right, up, forward
     this.sensor = [1, 0, 0, 0]; // orientation of the phone by its gyroscope
+    this.hasSensor = false;
     this.side = "behind";
     this.turn = null; // rotation about the vertical from the source's axes to those of the arm, while held
     this.wasHeld = false;
@@ -45,12 +46,14 @@ export class Hand {
     for (const refused of ["contextmenu", "beforexrselect", "touchstart"]) pad.addEventListener(refused, (event) => event.preventDefault(), { passive: false });
     document.addEventListener("visibilitychange", () => document.hidden && this.release());
     addEventListener("deviceorientation", ({ alpha, beta, gamma }) => {
-      if (alpha !== null) this.sensor = multiply(fromAngles(alpha, beta, gamma), yaw((-(screen.orientation?.angle ?? 0) * Math.PI) / 180));
+      this.hasSensor = alpha !== null;
+      if (this.hasSensor) this.sensor = multiply(fromAngles(alpha, beta, gamma), yaw((-(screen.orientation?.angle ?? 0) * Math.PI) / 180));
     });
     screen.orientation?.addEventListener("change", () => this.release());
     navigator.xr?.isSessionSupported("immersive-ar").then((can) => { $("hand-xr").hidden = !can; }, () => {});
     this.showSides();
     this.showScale();
+    this.showPad();
   }
 
   isOpen() {
@@ -88,6 +91,10 @@ export class Hand {
     return Number($("hand-scale").value);
   }
 
+  showPad() {
+    setText($("hand-hold"), this.session ? "Hold and move the phone" : "Hold and slide ↔ ↕. Second finger: forward and back");
+  }
+
   showScale() {
     setText($("hand-scale-text"), `${this.scale()} ×`);
   }
@@ -104,8 +111,9 @@ export class Hand {
         press: () => { this.presses += 1; return this.presses; },
         frame: (now, source) => this.onSessionFrame(now, source),
         lost: () => this.release(),
-        ended: () => { this.session = null; this.release(); },
+        ended: () => { this.session = null; this.release(); this.showPad(); },
       });
+      this.showPad();
       if (!this.isOpen()) this.session.end();
     } catch (error) {
       this.failure = `AR cannot start here: ${error.message}`;
@@ -191,7 +199,8 @@ export class Hand {
     if (limit && !this.limit) this.buzz();
     this.limit = limit;
     $("hand-hold").toggleAttribute("data-limit", Boolean(limit));
-    setText($("hand-state"), this.failure || `${held ? "Moves with your hand" : "Hold to move"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
+    const isLive = document.body.dataset.mode === "live";
+    setText($("hand-state"), this.failure || `${held ? `Moves with your ${this.session || this.hasSensor ? "hand" : "finger"}` : "Hold to move"}${isLive ? "" : " the preview; Live moves the arm"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
   }
 
   buzz(ms = BUZZ_MS) {
