@@ -35,7 +35,7 @@ export class Hand {
     this.records = false; // whether the button that records is pressed
     $("hand-show").onclick = () => this.open();
     $("hand-close").onclick = () => this.close();
-    $("hand-xr").onclick = () => this.startSession();
+    $("hand-xr").onclick = () => (this.session ? this.session.end() : this.startSession());
     $("hand-scale").oninput = () => this.showScale();
     gamepads.bindButton($("hand-gripper-open"), -1);
     gamepads.bindButton($("hand-gripper-close"), 1);
@@ -92,6 +92,7 @@ export class Hand {
   }
 
   showPad() {
+    setText($("hand-xr"), this.session ? "End AR" : "Start AR");
     setText($("hand-hold"), this.session ? "Hold and move the phone" : "Hold and slide ↔ ↕. Second finger: forward and back");
   }
 
