@@ -168,8 +168,8 @@ def _tell_and_save(
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration. Its camera was saved to {path}.")
             print_status(
-                "In the start pose the board faces the camera. To check the camera: "
-                "ikservo camera check with the same --port."
+                "In the start pose the board faces the camera. To check it, with the same --port: "
+                "ikservo camera check"
             )
         else:
             undo = f"ikservo calibration undo {before.model.name}"
