@@ -175,7 +175,7 @@ export class Hand {
   hold(pose, press, forward) {
     if (this.wasHeld && (!pose || press !== this.clutch)) this.release();
     let refused = press <= this.spent ? "Let go first, then hold to move" : "";
-    if (!this.wasHeld && forward === null) refused ||= "It points too steeply up or down to know where forward is";
+    if (!this.wasHeld && forward === null) refused ||= "Hold the phone flatter: it points too steeply to know where forward is";
     if (press && refused) setText($("hand-state"), refused);
     if (!pose || !press || refused) return;
     if (!this.wasHeld) {
@@ -201,7 +201,7 @@ export class Hand {
     this.limit = limit;
     $("hand-hold").toggleAttribute("data-limit", Boolean(limit));
     const isLive = document.body.dataset.mode === "live";
-    setText($("hand-state"), this.failure || `${held ? `Moves with your ${this.session || this.hasSensor ? "hand" : "finger"}` : "Hold to move"}${isLive ? "" : " the preview; Live moves the arm"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
+    setText($("hand-state"), this.failure || `${held ? `Moves with your ${this.session || this.hasSensor ? "hand" : "finger"}` : "Hold to move"}${isLive ? "" : " · only the preview: Live is off"}${limit ? ` · held back: ${limit}` : ""} · ${Math.round(this.latency)} ms`);
   }
 
   buzz(ms = BUZZ_MS) {
