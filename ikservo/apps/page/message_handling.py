@@ -423,7 +423,7 @@ class SessionController:
     def _record_episode(self, message: msg.RecordEpisode, _client: Client) -> None:
         if self._episodes is None:
             raise BadMessageError(
-                "This page does not record.", "Start it with: ikservo view --record DATASET"
+                "This page does not record.", "Start it with: ikservo view ARM --record FOLDER"
             )
         self._episodes.handle(message)
 

@@ -170,15 +170,17 @@ class DatasetWriter:
                 if own.is_file()
                 else self._arm,
             }
-            total, places = info["total_frames"], [row["data/file_index"] + 1 for row in rows]
+            total = info["total_frames"]
+            if min(row["data/file_index"] for row in rows) < 0:
+                raise ValueError("a file has a negative number")
             self._statistics_of(rows, features)
         except Exception as error:  # a damaged file may raise anything
             found = f"cannot be continued ({type(error).__name__}: {error})"
             raise FileFormatError(self.folder, "", found, "a data set of ikservo") from error
-        wanted = {**dict(zip(found, (total, 1, self.fps, "ikservo", self._names,
-                                     sorted(self._cameras), self._arm), strict=True))}  # fmt: skip
-        for key, value in wanted.items():
-            if found[key] != value or min(places) < 1:
+        cameras = sorted(self._cameras)
+        wanted = (total, 1, self.fps, "ikservo", self._names, cameras, self._arm)
+        for key, value in zip(found, wanted, strict=True):
+            if found[key] != value:
                 text = f"cannot be continued: its {key} are {found[key]}"
                 raise FileFormatError(self.folder, "", text, f"{value}")
         self._rows, self._features = rows, features

@@ -245,6 +245,20 @@ def test_camera_that_is_plugged_in_again_ends_the_episode(filmed, webcam):
     assert "interrupted" in filmed.until("ended")["text"]
 
 
+def test_next_episode_begins_at_once_with_new_pictures(filmed, webcam):
+    slow = webcam.release
+    webcam.release = lambda: (time.sleep(0.3), slow())  # as a real camera
+    for count in (1, 2):
+        filmed.record()
+        end_s = time.monotonic() + WITHIN_S
+        while not filmed.panel._samples and time.monotonic() < end_s:
+            time.sleep(0.02)  # until the camera is open again
+        time.sleep(1.6)  # longer than until a camera is opened again
+        assert filmed.fields()["state"] == "recording"
+        filmed.send("save")
+        assert filmed.until("idle")["episodes"] == count
+
+
 def test_missing_camera_is_named_and_nothing_is_recorded(filmed, webcam, monkeypatch):
     monkeypatch.setattr(episode_panel, "_CAMERAS_S", 0.3)
     webcam.plugged = False

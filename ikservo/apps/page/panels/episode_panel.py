@@ -196,10 +196,11 @@ class EpisodePanel:
             self._state, self._text = "ended", reason
 
     def _wait_for_cameras(self) -> str:
-        """Wait for a picture of each camera; return why one is missing, or an empty text."""
-        until_s = self._clock.now_s() + _CAMERAS_S
-        while missing := [each for each in self._videos.values() if each.age_s() > _OLD_PICTURE_S]:
-            if self._clock.now_s() > until_s:
+        """Wait for a new picture of each camera; return why one is missing, or an empty text."""
+        begin_s, waited_s = self._clock.now_s(), 0.0
+        while missing := [each for each in self._videos.values() if each.age_s() >= waited_s]:
+            waited_s = self._clock.now_s() - begin_s
+            if waited_s > _CAMERAS_S:
                 return missing[0].trouble or f"No picture from {missing[0].name}."
             if self._ended.wait(1.0 / FPS):
                 break
