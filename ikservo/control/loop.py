@@ -143,7 +143,7 @@ class SetpointSampler:
     """Sampler of a trajectory's positions while its time advances.
 
     After `restart_from`, the trajectory pauses while setpoints move on a straight path from the
-    stopped positions back to its own; then it continues.
+    positions of the stopped joints back to the paused trajectory; then it continues.
 
     Attributes:
         time_s: The time of the trajectory.
