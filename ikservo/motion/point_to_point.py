@@ -156,12 +156,13 @@ class JointMove(RuckigMotion):
         parameters.target_acceleration = end.acceleration.tolist()
         # Phase-synchronised joints move straight from start to goal if limits and state allow it.
         parameters.synchronization = Synchronization.Phase if together else Synchronization.No
-        super().__init__(
-            begin,
-            end,
-            _calculate_trajectory(parameters, n),
-            [limit.speed_rad_s for limit in limits],
-        )
+        try:
+            trajectory = _calculate_trajectory(parameters, n)
+        except RefusedError:
+            # ruckig fails to synchronise some joints that have almost arrived.
+            parameters.synchronization = Synchronization.No
+            trajectory = _calculate_trajectory(parameters, n)
+        super().__init__(begin, end, trajectory, parameters.max_velocity)
 
 
 def stop_trajectory(moving: TrajectoryPoint, limits: Sequence[KinematicLimits]) -> RuckigMotion:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import ruckig
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError, RefusedError
@@ -74,6 +74,7 @@ def _spacing(move):
 
 @settings(max_examples=60, deadline=None)
 @given(joints, joints, joints, st.floats(0.0, 1.0))
+@example(np.array([-1.0, 0.5]), np.array([-0.5, 0.0]), np.array([-0.5, 0.0]), 0.998046875)
 def test_retargeted_joint_move_has_no_jump(start, first, second, share):
     move = JointMove(start, first, PACES)
     before = move.state(share * move.duration_s)
@@ -81,6 +82,16 @@ def test_retargeted_joint_move_has_no_jump(start, first, second, share):
     np.testing.assert_array_equal(after.state(0.0).position, before.position)
     np.testing.assert_allclose(after.state(1e-7).velocity, before.velocity, atol=1e-5)
     np.testing.assert_allclose(after.at(after.duration_s), second, atol=1e-12)
+
+
+@pytest.mark.parametrize("remaining", [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14])
+def test_arriving_joint_move_is_retargeted_to_its_goal(remaining):
+    rng = np.random.default_rng(int(-np.log10(remaining)))
+    for _ in range(100):
+        start, goal = rng.uniform(-2, 2, (2, 2))
+        move = JointMove(start, goal, PACES)
+        after = JointMove(move.state((1.0 - remaining) * move.duration_s), goal, PACES)
+        np.testing.assert_allclose(after.at(after.duration_s), goal, atol=1e-12)
 
 
 @settings(max_examples=60, deadline=None)
