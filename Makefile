@@ -54,6 +54,7 @@ sanitize: $(VENV)/tested  ## the kernels' tests with checked indices and sanitiz
 
 campaign: $(VENV)/tested build  ## long seeded campaigns, and every case that the suite leaves out
 	$(BIN)/python -m pytest -m campaign
+	$(BIN)/python -m pytest --all -m hypothesis --hypothesis-profile explore
 
 MUTANTS ?= "ikservo.guard.*"
 mutate: $(VENV)/mutating build  ## small changes of guard, kinematics or calibration (MUTANTS=) must make a test fail

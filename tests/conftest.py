@@ -15,8 +15,10 @@ from ikservo.serving.early_stops import forget_marks
 from tests import tiers
 from tests.sampling import leave_others_to_campaign
 
-# A busy machine may suspend a test at any place.
-settings.register_profile("suite", deadline=None)
+# A busy machine may suspend a test at any place. A commit is judged by the same examples at each
+# run; `make campaign` draws new ones.
+settings.register_profile("suite", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, print_blob=True)
 settings.load_profile("suite")
 # Dozens of tests start Python; they share its compiled files.
 sys.dont_write_bytecode = False
