@@ -7,12 +7,14 @@ torque of a joint is switched off, and when a host transmits after a silence: a 
 then finds the arm at rest in its pose.
 
 The hand of a set-up plugs in new servos, one after another, and at last all together; then it
-follows a calibration.
+follows a calibration. A box has new servos and no hand: a client of the remote control plugs the
+servos in and moves the joints.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from servosim.errors import SimulatorError
 from servosim.frames import Frame, FrameReader
@@ -21,7 +23,7 @@ from servosim.line import Line
 from servosim.servo import Servo
 from servosim.world import World
 
-HANDS = ("sweep", "calibrate", "setup")
+HANDS = ("sweep", "calibrate", "setup", "box")
 """Names of the scripted hands."""
 
 _HAND_LIMIT = 10.0  # largest force: N m, or N on a prismatic joint
@@ -168,11 +170,7 @@ class NewServos:
     def __init__(self, line: Line) -> None:
         self._line, self._world, self._servos = line, line.world, list(line.world.servos)
         self._wanted = [(servo.id, servo.baud) for servo in self._servos]
-        for servo in self._servos:
-            servo.factory_reset(())
-            servo.power_down()
-        self._servos[0].memory.put("id", USED_ID)
-        self._servos[0].memory.persist_value("id")
+        _deliver(self._servos)
         self._done, self._plug_s = 0, PLUG_S
         self._writes, self._changed_s = 0, math.inf
         self._poll_servo()
@@ -200,6 +198,34 @@ class NewServos:
         for servo in self._servos:
             servo.power_up()
         self._line.witnesses.append(CalibrationHands(self._world))
+
+
+def fill_box(servos: Sequence[Servo]) -> None:
+    """Put new servos into a box: unplugged, with factory settings but for three odd ones.
+
+    The first servo has another id, the third one another rate, the last one an older firmware.
+
+    Raises:
+        SimulatorError: These servos cannot have such settings.
+    """
+    _deliver(servos)
+    rate = servos[2 % len(servos)]
+    code = rate.table.by_name["baud_rate"]
+    rate.memory.put("baud_rate", code.default + 1)
+    rate.memory.persist_value("baud_rate")
+    odd = servos[-1]
+    version = "firmware_minor" if "firmware_minor" in odd.table.by_name else "firmware_version"
+    odd.memory.put(version, odd.table.by_name[version].default - 1)
+    odd.memory.persist_value(version)
+
+
+def _deliver(servos: Sequence[Servo]) -> None:
+    """Unplug servos and give them factory settings; the first one was used and has another id."""
+    for servo in servos:
+        servo.factory_reset(())
+        servo.power_down()
+    servos[0].memory.put("id", USED_ID)
+    servos[0].memory.persist_value("id")
 
 
 def _sweep_path(position: float, lower: float, upper: float) -> Path:
@@ -234,7 +260,7 @@ def add_hands(line: Line, kind: str) -> None:
 
     Args:
         line: The line of their servos.
-        kind: ``sweep``, ``calibrate`` for hands that follow a calibration, or ``setup``.
+        kind: ``sweep``, ``calibrate`` for hands that follow a calibration, ``setup`` or ``box``.
 
     Raises:
         SimulatorError: The kind is none of these.
@@ -245,5 +271,7 @@ def add_hands(line: Line, kind: str) -> None:
         line.witnesses.append(CalibrationHands(line.world))
     elif kind == "setup":
         NewServos(line)
+    elif kind == "box":
+        fill_box(line.world.servos)
     else:
         RangeSweep(line.world)

@@ -23,7 +23,7 @@ def open_port(url: str) -> SimulatedPort:
     """Open a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
     The query may contain ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
-    ``faults`` (a file), ``hand`` (sweep, calibrate or setup), and ``physics``, ``backlash_deg``,
+    ``faults`` (a file), ``hand`` (sweep, calibrate, setup, box), and ``physics``, ``backlash_deg``,
     ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
     numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and ``payload_g`` change
     the masses, ``parameters`` is a file with those of one arm. With ``physics=1`` cubes may stand

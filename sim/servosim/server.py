@@ -138,7 +138,7 @@ def _make_parser() -> argparse.ArgumentParser:
         "--hand",
         choices=HANDS,
         help="move limp joints by hand: sweep at once, or calibrate: hold the pose, then sweep; "
-        "setup: plug in new servos one by one",
+        "setup: plug in new servos one by one; box: new servos that a client of --control plugs in",
     )
     add(
         "--goal-keeps-torque",

@@ -261,3 +261,16 @@ def test_limp_joint_is_not_thrown_out_of_simulated_contact(configs):
         run(port, 0.001)
         fastest_rad_s = max(fastest_rad_s, abs(world.joint("shoulder_lift").velocity))
     assert fastest_rad_s < 3.0
+
+
+@pytest.mark.parametrize(("arm", "rates"), [("so101", [0, 0, 1]), ("koch", [1, 1, 2])])
+def test_box_has_unplugged_servos_of_which_three_are_odd(configs, arm, rates):
+    port = servosim.open_port(f"sim:{configs}/{arm}/arm.toml?hand=box")
+    servos = port.line.world.servos
+    assert not any(servo.powered for servo in servos)
+    for servo in servos:
+        servo.power_up()
+    assert [servo.read("id") for servo in servos] == [9, 1, 1, 1, 1, 1]
+    assert [servo.read("baud_rate") for servo in servos[:3]] == rates
+    version = "firmware_minor" if arm == "so101" else "firmware_version"
+    assert servos[-2].read(version) - servos[-1].read(version) == 1
