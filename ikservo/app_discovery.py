@@ -78,6 +78,22 @@ def load_place(place: str) -> Any:  # noqa: ANN401  # whatever an app offers
     return getattr(import_module(module), name)
 
 
+class ImportedMethod:
+    """A method whose module is imported at its first use, to keep the opening of an arm fast.
+
+    Args:
+        place: ``package.module:name`` of a function whose first parameter is the object.
+    """
+
+    def __init__(self, place: str) -> None:
+        self._place = place
+
+    def __get__(self, owner: object, kind: type) -> Any:  # noqa: ANN401  # its own signature
+        """Return the function, bound to the object if there is one."""
+        function = load_place(self._place)
+        return function if owner is None else function.__get__(owner, kind)
+
+
 def offered_part(name: str) -> Any | None:  # noqa: ANN401  # whatever an app offers
     """Return the part that an app offers to other apps' commands; None if no app offers it."""
     for app in all_apps():

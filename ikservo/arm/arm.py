@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from ikservo.app_discovery import ImportedMethod
 from ikservo.arguments import OnExit, check_exit, check_flag
-from ikservo.arm.arm_parts import ImportedMethod
 from ikservo.arm.background_motion import Background
 from ikservo.arm.motion_methods import MotionMethods, Positions
 from ikservo.arm.motion_runner import MotionRunner

@@ -10,18 +10,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 from numpy.typing import ArrayLike
 
+from ikservo.arm.background_motion import Background
 from ikservo.arm.motion_methods import MotionMethods, Positions
+from ikservo.arm.motion_runner import MotionRunner
 from ikservo.clock import Clock
 from ikservo.ik import Target
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.context import ArmContext
 from ikservo.planning.poses import PoseLibrary, PoseWithinLimits
+from ikservo.planning.preflight_planner import PreflightPlanner
 from ikservo.planning.reports import (
     ArmState,
     FollowResult,
@@ -32,8 +36,45 @@ from ikservo.planning.reports import (
 )
 
 if TYPE_CHECKING:
-    from ikservo.arm.jogging import KeepGoing
+    from ikservo.arm.scene import Scene
     from ikservo.arm.target_tracking import CartesianOrJointTarget
+
+
+KeepGoing = Callable[[], bool | None]
+"""Function called in every cycle: True continues, False ends the jog, None is no decision."""
+
+
+@runtime_checkable
+class ArmParts(Protocol):
+    """The parts of an arm that motion functions need; ``Arm`` provides them.
+
+    A function whose first parameter is an ``ArmParts`` can be a method of ``Arm``.
+    """
+
+    @property
+    def context(self) -> ArmContext:
+        """The servos, model, calibration and checks of the arm."""
+        ...
+
+    @property
+    def runner(self) -> MotionRunner:
+        """The runner of the arm's motions."""
+        ...
+
+    @property
+    def preflight(self) -> PreflightPlanner:
+        """The planner and checker of the arm's motions."""
+        ...
+
+    @property
+    def scene(self) -> Scene:
+        """The things around the arm, and the things that its gripper holds."""
+        ...
+
+    @property
+    def background(self) -> Background:
+        """The runner of motions for which the program does not wait."""
+        ...
 
 
 class GoalStream(Protocol):

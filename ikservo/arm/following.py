@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from ikservo.arguments import check_callable, check_iterable
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.control.loop import ControlCycle
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import BadValueError, IkservoError

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol, cast
 
 import numpy as np
 
 from ikservo.arguments import parse_name, parse_number
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts, KeepGoing
 from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError, shown
@@ -26,9 +25,6 @@ JOG_DIRECTIONS = {
     "up": (0.0, 0.0, 1.0), "down": (0.0, 0.0, -1.0),
 }  # fmt: skip
 """Directions in which the tip can be jogged, in the base frame."""
-
-KeepGoing = Callable[[], bool | None]
-"""Function called in every cycle: True continues, False ends the jog, None is no decision."""
 
 NO_LONGER_REQUESTED = "no longer requested"
 """Reason that is reported if the caller has ended the jog."""

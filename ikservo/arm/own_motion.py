@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import TypeVar
 
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MotionValue

@@ -11,7 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from ikservo.arguments import check_callable
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import (
@@ -33,9 +33,10 @@ from ikservo.planning.motions import Lower, MotionValue
 from ikservo.planning.path_constraint import UNCONSTRAINED
 from ikservo.planning.path_error import PathDeviation, PathRecorder
 from ikservo.planning.reports import JointMoveResult, MoveResult, OnProgress
+from ikservo.settling.backlash_approach import approach_goals
 from ikservo.settling.settling import SettlingResult, lift_to_start, settle
 from ikservo.settling.swings import MotionSwings
-from ikservo.settling.tick_rounding import SettlingTarget, backlash_approach
+from ikservo.settling.tick_rounding import SettlingTarget
 
 # Servos of this class come to rest within one or two ticks of 0.09° of their goals.
 _POSITION_TOLERANCE_M = 0.002
@@ -162,7 +163,7 @@ def _run_motion(
     with runner.watching_scene():
         runner.loop.run(trajectory, on_cycle, speed_rad_s=horn_rad_s)
     motion_s = context.now_s() - started_s
-    below = _backlash_goals(context, plan)
+    below = approach_goals(context, plan)
     settled = settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
     return ExecutedMotion(plan, settled, recorder.error(context.planner), swings.notes())
 
@@ -207,26 +208,6 @@ class _PathWatch:
         except CollisionError as error:
             reason = StopReason(StopKind.OBSTACLE, f"The scene was changed, and now {error.cause}.")
             servos.request_stop(reason)
-
-
-def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Compute goals (n,) that are below the final goals, for joints with known backlash.
-
-    The result is None for a line, which the tool must not leave, or if something is in the way.
-    """
-    goals, driven_joints = context.servos.goals(), context.servos.driven_joints
-    backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])
-    low, high = context.servos.compensator.stuck_offsets(context.servos.reference())
-    stuck = np.where(backlash > 0.0, backlash + high - low, 0.0)
-    below = backlash_approach(goals, plan.goal != plan.start, stuck, driven_joints)
-    if below is None or plan.is_cartesian:
-        return None
-    try:
-        reference = context.servos.reference()
-        context.check_straight_path(reference, reference + below - goals)
-    except RefusedError:
-        return None
-    return below
 
 
 def _make_report(

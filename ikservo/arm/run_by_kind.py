@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.arm.own_motion import OwnMotion
 from ikservo.arm.plan_execution import plan_and_execute
 from ikservo.kinematics.arrays import Vector

@@ -11,7 +11,7 @@ from typing import TypeVar
 from numpy.typing import ArrayLike
 
 from ikservo.arguments import parse_period_s
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.following import follow_targets
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint

@@ -1,8 +1,7 @@
-"""A command's session with an arm: open it, confirm motions, handle Ctrl-C and SIGTERM."""
+"""A command's session with an arm: open it, confirm motions, lower it on a second Ctrl-C."""
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
@@ -10,72 +9,22 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from ikservo.arm import Arm, MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
+from ikservo.arm import Arm, MotionPlan, MotionProgress, OpenArm, ZeroSource, open_arm
 from ikservo.arm.opening import open_own_arm, require_own_port
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.second_interrupt import second_interrupt_lowers
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
-from ikservo.clock import Clock, RealClock
-from ikservo.control.real_time import allowed_priority
-from ikservo.control.stop_requests import RELAX_HINT, REQUEST_HINT
-from ikservo.errors import IkservoError, InputError, StoppedError, format_point
+from ikservo.clock import RealClock
+from ikservo.control.stop_requests import REQUEST_HINT
+from ikservo.control.thread_priority import allowed_priority
+from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kernels.compiled import is_compiled
 from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 from ikservo.planning.motions import MotionValue
 
-_KEY_TIMEOUT_S = 2.0  # time to wait for a second Ctrl-C from a user
-_SIGNAL_TIMEOUT_S = 1.0  # time to wait for a second signal from a script
 _SLOW_PLAN_S = 1.0  # after this time, the user is told why planning takes long
-
-_REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
-
-
-@contextmanager
-def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Generator[None]:
-    """On a second Ctrl-C or SIGTERM soon after the first, lower the arm and switch torque off.
-
-    A stop for another reason ends the command at once; the arm holds.
-
-    Without a clock, the computer's clock measures the wait for the second signal, also for
-    simulated arms, because the user acts in real time.
-    """
-    clock = clock or RealClock()
-    try:
-        yield
-    except (StoppedError, KeyboardInterrupt, SystemExit) as error:
-        reason = machine.stop_reason
-        if (
-            reason is not None
-            and reason.kind in _REPEATABLE
-            and _is_interrupted_again(machine, clock or RealClock())
-        ):
-            print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
-            machine.acknowledge()
-            report = machine.relax()
-            outcome = "Stopped; the arm was lowered and torque is off."
-            if not report.reached:
-                outcome = " ".join(("Stopped; torque is off.", *report.binding))
-            raise StoppedError(outcome) from None
-        if isinstance(error, StoppedError) or reason is None:
-            raise
-        raise StoppedError(reason.text, RELAX_HINT) from None
-
-
-def _is_interrupted_again(machine: OpenArm, clock: Clock) -> bool:
-    if machine.stop_requests > 1:
-        return True
-    interactive = sys.stdin.isatty()
-    if interactive:
-        print_status("Torque stays on. Ctrl-C again lowers the arm and switches torque off.")
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        clock.sleep_until(clock.now_s() + (_KEY_TIMEOUT_S if interactive else _SIGNAL_TIMEOUT_S))
-    except KeyboardInterrupt:
-        return True
-    finally:
-        signal.signal(signal.SIGTERM, before)
-    return False
 
 
 @contextmanager

@@ -260,7 +260,7 @@ class ControlLoop:
             RefusedError: The guard stopped the motion, or a joint does not follow; the arm holds.
             PortLostError: The port was lost.
         """
-        from ikservo.control.real_time import steady_timing  # noqa: PLC0415
+        from ikservo.control.thread_priority import steady_timing  # noqa: PLC0415
 
         streaming = self._servos.streaming(speed_rad_s, profile_rad_s)
         with streaming, steady_timing(self._servos.clock):

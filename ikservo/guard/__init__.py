@@ -3,7 +3,7 @@
 from ikservo.guard.collision import CollisionChecker
 from ikservo.guard.driven_joint import DrivenJoint, TickRow
 from ikservo.guard.following_error import TrackingMonitor, overweight_error
-from ikservo.guard.gate import Gate, PassedGoals, StopKind, StopLatch, StopReason
+from ikservo.guard.gate import Gate, PassedGoals
 from ikservo.guard.goal_lead import MAX_TRAVEL_RAD
 from ikservo.guard.overload_prediction import OverloadMonitor, OverloadRule
 from ikservo.guard.path_sampling import (
@@ -22,6 +22,7 @@ from ikservo.guard.servo_health import (
     say_what_fell,
     torque_lost_error,
 )
+from ikservo.guard.stop_latch import StopKind, StopLatch, StopReason
 from ikservo.model.arm_model import HealthLimits, KeepOutBox
 
 __all__ = [

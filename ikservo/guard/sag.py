@@ -15,9 +15,8 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
-from ikservo.model.arm_model import Model
+from ikservo.model.arm_model import Model, link_masses
 from ikservo.model.joint_drive import joint_compliances
-from ikservo.model.link_masses import link_masses
 
 if TYPE_CHECKING:
     from ikservo.model.scene_file import KeepOutShape

@@ -16,6 +16,8 @@ from ikservo.calibration import JointMap, Limits
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.inertia import LinkMass
+from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.urdf_types import Urdf
 from ikservo.registers import MODELS, Family
 
@@ -294,3 +296,17 @@ def _find_named(kind: str, name: object, known: Mapping[str, _T]) -> _T:
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(kind, name, known)
     return known[name]
+
+
+def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
+    """Return the masses and inertia of a chain's links; links without a mass are omitted."""
+    masses: list[LinkMass] = []
+    for link in model.urdf.links:
+        if link.mass_kg > 0 and link.name in chain.frames:
+            ixx, ixy, ixz, iyy, iyz, izz = link.inertia_kg_m2
+            inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+            R = rotation_rpy(*link.inertia_rpy_rad)  # inertia frame to link frame
+            masses.append(
+                LinkMass(link.name, link.mass_kg, np.array(link.com_m), R @ inertia @ R.T)
+            )
+    return masses

@@ -10,8 +10,7 @@ import numpy as np
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.model.arm_model import Model, ModelJoint, ModelServo
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import Model, ModelJoint, ModelServo, link_masses
 from ikservo.model.servo_torque import GearFriction, find_servo_torque
 
 # Time to send a goal, and until the servo's next loop reads it.

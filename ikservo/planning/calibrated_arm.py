@@ -29,7 +29,7 @@ from ikservo.hardware.serial_ports import is_pseudo_terminal
 from ikservo.kinematics import Chain, Dynamics
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model, ModelJoint, load_model
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
 if TYPE_CHECKING:

@@ -182,7 +182,7 @@ class ArmContext:
             self.index.body_joints(self.index.with_chain(joints, self.index.chain_joints(limit)))
             for limit in self.limits()
         )
-        from ikservo.guard.contact_release import nearest_free_posture  # noqa: PLC0415
+        from ikservo.guard.nearest_free_posture import nearest_free_posture  # noqa: PLC0415
 
         q = nearest_free_posture(checker, self.index.body_joints(joints), lower, upper)
         return None if q is None else self.index.with_chain(joints, q[: self.chain.dof])

@@ -220,7 +220,7 @@ def settle(
         limits: The kinematic limits of each joint.
         speed_rad_s: The motion's top speed at the horns.
         motion_s: The duration of the motion.
-        below: Goals (n,) to which joints with known backlash move first; see ``backlash_approach``.
+        below: Goals (n,) to which joints with known backlash move first; see ``approach_goals``.
 
     Raises:
         StoppedError, RefusedError, BusError, ServoAlarmError: See ``ControlLoop.run``.

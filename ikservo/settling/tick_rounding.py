@@ -7,7 +7,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ikservo.calibration import Limits
 from ikservo.guard import DrivenJoint
@@ -276,35 +275,3 @@ class SettlingTarget:
         for column, tick in zip(self._index.chain, found, strict=True):
             ticks[column] = tick
         return ticks
-
-
-# A joint this far below its goal has certainly crossed its backlash.
-_MARGIN_TICKS = 3
-
-
-def backlash_approach(
-    goals: Vector, moved: NDArray[np.bool_], backlash: Vector, driven_joints: Sequence[DrivenJoint]
-) -> Vector | None:
-    """Compute goals (n,) from which each joint with known backlash approaches its goal from below.
-
-    The flank of the backlash on which a joint comes to rest depends on its direction of approach
-    and its braking, so positions with the same reading can be a backlash apart. Therefore, the
-    joint first moves below its goal by its backlash, then up.
-
-    Args:
-        goals: The servos' goals at the end of a motion (n,), rad or m.
-        moved: Whether each joint (n,) took part in the motion.
-        backlash: The backlash of each joint (n,) and the friction that keeps it from its goal, in
-            both directions together, rad or m; 0 if the backlash is unknown.
-        driven_joints: The joints, in the same order.
-
-    Returns:
-        The goals, inside the limits; None if no joint with known backlash has moved.
-    """
-    chosen = moved & (backlash > 0.0)
-    if not chosen.any():
-        return None
-    margin = np.array([_MARGIN_TICKS * driven.joint_map.unit_per_tick for driven in driven_joints])
-    lowest = np.array([driven.position_range[0] for driven in driven_joints])
-    below = np.maximum(goals - backlash - margin, np.minimum(lowest, goals))
-    return np.where(chosen, below, goals)

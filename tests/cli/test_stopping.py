@@ -10,7 +10,7 @@ import pytest
 from ikservo.arm import open_arm
 from ikservo.cli import open_and_confirm
 from ikservo.cli.entry_point import main
-from ikservo.cli.open_and_confirm import second_interrupt_lowers
+from ikservo.cli.second_interrupt import second_interrupt_lowers
 from ikservo.clock import RealClock
 from ikservo.errors import StoppedError
 from servosim.clock import VirtualClock

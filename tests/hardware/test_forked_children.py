@@ -18,7 +18,7 @@ import ikservo
 from ikservo.arm.control_server import serve
 from ikservo.errors import PortError
 from ikservo.hardware import ServoBus, ServoSpec, open_port
-from ikservo.hardware.transport import acquire_lock
+from ikservo.hardware.port_lock import acquire_lock
 from ikservo.registers import STS3215, RegisterName
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")

@@ -12,12 +12,12 @@ import pytest
 
 from ikservo.errors import PortBusyError
 from ikservo.hardware import open_port
-from ikservo.hardware.transport import acquire_lock
+from ikservo.hardware.port_lock import acquire_lock
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows opens a port only once")
 
 HOLD = """import sys
-from ikservo.hardware.transport import acquire_lock
+from ikservo.hardware.port_lock import acquire_lock
 lock = acquire_lock(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()

@@ -11,7 +11,7 @@ import ikservo
 from ikservo.kinematics import Chain, JointType, Mimic
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.se3 import exp_so3, make_pose
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import link_masses
 from tests.kinematics.chains import crane_joints, joint
 from tests.oracle import ARMS, CONFIGS
 

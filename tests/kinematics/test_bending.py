@@ -8,7 +8,7 @@ import pytest
 from ikservo.kinematics import Dynamics
 from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.model import load_model
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import link_masses
 from servosim import read_arm_file
 from servosim.assembly import make_arm_world
 from servosim.specimen import Specimen

@@ -12,8 +12,8 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.inertia import PARAMETERS, LinkMass
+from ikservo.model.arm_model import link_masses
 from ikservo.model.collision_capsules import collision_body_with_gripper
-from ikservo.model.link_masses import link_masses
 from tests.kinematics.base_parameters import base_parameters, independent_columns
 from tests.kinematics.chains import crane, planar
 from tests.kinematics.dynamics_oracle import NAMES, WALL_M_S2, oracle_of

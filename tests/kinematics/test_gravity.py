@@ -10,8 +10,8 @@ import ikservo
 from ikservo.guard.sag import GravitySag, Weight
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import LinkMass
+from ikservo.model.arm_model import link_masses
 from ikservo.model.joint_drive import joint_compliances
-from ikservo.model.link_masses import link_masses
 from ikservo.model.servo_torque import SERVO_TORQUES, find_servo_torque
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of

@@ -8,7 +8,7 @@ import pytest
 
 from ikservo.kinematics import Dynamics
 from ikservo.model import load_model
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import link_masses
 from ikservo.model.load_lag import load_lags
 from ikservo.model.servo_torque import find_servo_torque
 from servosim.joint import STEP_S

@@ -7,7 +7,7 @@ import urllib.request
 import ikservo
 from ikservo.apps.page.page_app import ViewApp
 from ikservo.apps.page.served_arms import ArmAtPort
-from ikservo.hardware.transport import acquire_lock
+from ikservo.hardware.port_lock import acquire_lock
 from tests.cli.fixtures_ports import run_arguments
 
 COMMANDS = (

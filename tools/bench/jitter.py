@@ -26,7 +26,7 @@ import numpy as np
 import ikservo
 from ikservo.arm.opening import open_own_arm
 from ikservo.clock import RealClock
-from ikservo.control import real_time as control_real_time
+from ikservo.control import thread_priority
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.errors import RefusedError
 from ikservo.motion import TrajectoryPoint
@@ -143,14 +143,14 @@ def words(title: str, timing: Timing, rate_hz: float) -> str:
 @contextmanager
 def real_time(priority: int, server_pid: int) -> Generator[None]:
     """Give control loops a priority, as if the user's limit allowed it; the servos get it, too."""
-    before = control_real_time.allowed_priority
-    control_real_time.allowed_priority = lambda: priority
+    before = thread_priority.allowed_priority
+    thread_priority.allowed_priority = lambda: priority
     if priority:
         os.sched_setscheduler(server_pid, os.SCHED_FIFO, os.sched_param(priority + 1))
     try:
         yield
     finally:
-        control_real_time.allowed_priority = before
+        thread_priority.allowed_priority = before
 
 
 def main() -> None:

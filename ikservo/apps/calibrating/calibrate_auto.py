@@ -20,7 +20,7 @@ from ikservo.apps.calibrating.by_hand_dialogue import (
 from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibrate_by_hand import print_result, print_servos
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
-from ikservo.cli.open_and_confirm import second_interrupt_lowers
+from ikservo.cli.second_interrupt import second_interrupt_lowers
 from ikservo.cli.terminal import print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.control.stop_requests import exiting_on_signals

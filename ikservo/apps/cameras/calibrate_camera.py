@@ -31,8 +31,9 @@ from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, rea
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration.paths import pictures_path
 from ikservo.cli.camera_options import CameraOptions
-from ikservo.cli.open_and_confirm import open_from_options, second_interrupt_lowers
+from ikservo.cli.open_and_confirm import open_from_options
 from ikservo.cli.options import MotionOptions, NamedServoConnection
+from ikservo.cli.second_interrupt import second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.control.stop_requests import exiting_on_signals

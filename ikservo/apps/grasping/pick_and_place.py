@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo.apps.grasping.jaws import find_jaws
-from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.arm_protocol import OpenArm
+from ikservo.arm.arm_protocol import ArmParts, OpenArm
 from ikservo.arm.gripper import plan_gripper
 from ikservo.arm.own_motion import OwnMotion
 from ikservo.arm.plan_execution import execute

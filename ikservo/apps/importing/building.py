@@ -29,9 +29,8 @@ from ikservo.apps.importing.tree import (
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
-from ikservo.model.arm_model import Model
+from ikservo.model.arm_model import Model, link_masses
 from ikservo.model.base_placement import parse_frame, turn_base
-from ikservo.model.link_masses import link_masses
 from ikservo.model.load_lag import can_lift, spread_postures
 from ikservo.model.model_loading import build_chain
 from ikservo.model.servo_torque import find_servo_torque

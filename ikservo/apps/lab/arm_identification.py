@@ -27,8 +27,8 @@ from ikservo.calibration.paths import identified_path
 from ikservo.errors import RefusedError
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model import Model
+from ikservo.model.arm_model import link_masses
 from ikservo.model.identified_drives import body_joints
-from ikservo.model.link_masses import link_masses
 from ikservo.model.servo_torque import find_servo_torque, nominal_supply_v
 from ikservo.planning.reports import OnProgress
 

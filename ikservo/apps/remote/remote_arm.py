@@ -30,8 +30,8 @@ from ikservo.arm import (
     StopReason,
     ZeroSource,
 )
+from ikservo.arm.arm_protocol import KeepGoing
 from ikservo.arm.background_motion import Background
-from ikservo.arm.jogging import KeepGoing
 from ikservo.arm.leader_following import follow_arm, published_positions
 from ikservo.arm.motion_methods import MotionMethods
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target

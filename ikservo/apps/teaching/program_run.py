@@ -9,7 +9,7 @@ from typing import Any
 
 from ikservo.apps.teaching.program import UNTIL_STOPPED, Program, ProgramStep, read_program
 from ikservo.apps.teaching.replaying import Replay, position_at_rest
-from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError, InputError, StoppedError
 from ikservo.planning.motions import MotionValue, Wait

@@ -14,8 +14,7 @@ import numpy as np
 from ikservo.apps.teaching.recorder import read_recording, recording_header
 from ikservo.apps.teaching.recording import Recording
 from ikservo.arguments import check_flag
-from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.arm_protocol import OpenArm
+from ikservo.arm.arm_protocol import ArmParts, OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion

@@ -12,7 +12,8 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import OpenArm
-from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, KeepGoing
+from ikservo.arm.arm_protocol import KeepGoing
+from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED
 from ikservo.cli.completion import complete_jogs
 from ikservo.cli.open_and_confirm import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.option_groups import Without

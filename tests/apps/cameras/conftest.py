@@ -4,7 +4,7 @@ import pytest
 from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.model import load_model
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import link_masses
 
 from .arms import SimulatedArm
 

@@ -9,7 +9,7 @@ from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import load_model
-from ikservo.model.link_masses import link_masses
+from ikservo.model.arm_model import link_masses
 
 from .arms import SimulatedArm
 

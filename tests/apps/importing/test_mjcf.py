@@ -15,8 +15,8 @@ from ikservo.apps.importing.mjcf import read_mjcf
 from ikservo.apps.importing.shapes import convert_shapes
 from ikservo.errors import FileFormatError, InputError
 from ikservo.model import Model
+from ikservo.model.arm_model import link_masses
 from ikservo.model.collision_capsules import collision_body
-from ikservo.model.link_masses import link_masses
 from ikservo.model.model_loading import build_chain
 
 MJCF = """<mujoco model="made">

@@ -19,8 +19,8 @@ from ikservo.apps.lab.drive_recording import DriveRecording, smooth_samples, ste
 from ikservo.apps.lab.parameter_estimation import gravity_columns, identify, identify_payload
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
+from ikservo.model.arm_model import link_masses
 from ikservo.model.identified_drives import with_mass_scales
-from ikservo.model.link_masses import link_masses
 from tests.apps.lab.synthetic_drives import DT_S, SUPPLY_V, Drive, prior_of, record, swing
 from tests.arm.identified_truth import mass_scales
 

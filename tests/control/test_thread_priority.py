@@ -9,8 +9,8 @@ import pytest
 
 import ikservo
 from ikservo.clock import RealClock
-from ikservo.control import real_time
-from ikservo.control.real_time import allowed_priority, steady_timing
+from ikservo.control import thread_priority
+from ikservo.control.thread_priority import allowed_priority, steady_timing
 from tests.arm.random_faults import seeded
 from tests.arm.short_motions import run_short_move
 
@@ -95,7 +95,7 @@ def test_control_loop_uses_steady_timing_mode_in_every_cycle(limit, monkeypatch)
             yield
             clocks.append(None)
 
-    monkeypatch.setattr(real_time, "steady_timing", note)
+    monkeypatch.setattr(thread_priority, "steady_timing", note)
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         run_short_move(arm, seeded(1), lambda _: inside.append((clocks[:], policy())))
