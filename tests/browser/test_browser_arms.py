@@ -5,8 +5,10 @@ from contextlib import contextmanager
 import pytest
 from playwright.sync_api import expect
 
+from ikservo.apps.page import arm_choices
 from ikservo.apps.page.panels.video import VideoSource
 from ikservo.apps.page.served_arms import ArmAtPort
+from ikservo.hardware.serial_ports import SerialAdapter
 from ikservo.model import load_model
 from tests.apps.page.webcam import Webcam
 from tests.arm.simulated import line_of, registers
@@ -44,6 +46,20 @@ def two():
     """Two arms that hold, for the tests that leave them open."""
     with opened_panel(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as served:
         yield served
+
+
+def test_page_chooses_adapter_that_is_plugged_in_unless_another_was_chosen(page, monkeypatch):
+    adapters = []
+    monkeypatch.setattr(arm_choices, "list_adapters", lambda: tuple(adapters))
+    with opened_panel() as served:
+        page.goto(served.urls.control)
+        expect(page.locator("#arms-port")).to_have_value("sim")
+        adapters.append(SerialAdapter("/dev/ttyACM7", "", 0x1A86, 0x55D3, "5A1"))
+        expect(page.locator("#arms-port")).to_have_value("/dev/ttyACM7")
+        page.select_option("#arms-port", "sim")
+        adapters.append(SerialAdapter("/dev/ttyACM8", "", 0x1A86, 0x55D3, "5A2"))
+        page.wait_for_selector("#arms-port [value='/dev/ttyACM8']", state="attached")
+        expect(page.locator("#arms-port")).to_have_value("sim")
 
 
 def row(page, name):

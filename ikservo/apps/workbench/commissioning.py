@@ -115,7 +115,7 @@ def configure_servo(
     model_name = servo.table.model_name
     place = f"{ids.index(servo.id) + 1} of {len(ids)}"
     yield Notice(f"{place}: plug in only the {model_name} of {servo} …")
-    yield Notice("Searching at every baud rate. Ctrl-C stops; finished servos keep their settings.")
+    yield Notice("Searching at every baud rate. If you stop, finished servos keep their settings.")
     found = yield from _find_servo(line, settings, wait_s)
     check_model(found, settings)
     yield Notice(f"Found {found}, firmware {found.firmware}.")

@@ -345,4 +345,4 @@ def test_setup_reports_intermittent_replies_of_servo(run_cli, monkeypatch):
 
 def test_setup_prints_that_it_searches_and_how_to_end_it(set_up):
     _, result = set_up["koch"]
-    assert "Searching at every baud rate. Ctrl-C stops" in result.err
+    assert "Searching at every baud rate. If you stop" in result.err

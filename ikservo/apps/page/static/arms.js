@@ -175,9 +175,10 @@ function createArmRow() {
   return { element, title, text, show, follow, stop, close };
 }
 
-// Keep the choice if it is still offered.
+// Keep what the user chose if it is still offered; else the first entry, such as a new adapter.
 function fillSelect(select, entries) {
-  const chosen = select.value;
+  select.onchange ??= () => { select.dataset.chosen = select.value; };
+  const { chosen } = select.dataset;
   select.replaceChildren(...entries.map(([value, text]) => createElement("option", { value }, text)));
   if (entries.some(([value]) => value === chosen)) select.value = chosen;
 }
