@@ -15,7 +15,7 @@ from ikservo.control.health_polling import HealthPoller, prepare_servos
 from ikservo.control.joint_reading import Feedback
 from ikservo.control.stop_requests import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
-from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
+from ikservo.control.watchdog_and_torque_limits import ServoRamLimits, unwatched_servos
 from ikservo.errors import (
     HeldUpError,
     IkservoError,
@@ -90,8 +90,7 @@ class StreamedServos:
         )
         self._reference_s = 0.0
         self._uncut = True
-        unwatched = [driven.servo_id for driven in driven_joints if driven.sinks_far]
-        self._limits = ServoRamLimits(bus, self._ids, unwatched)
+        self._limits = ServoRamLimits(bus, self._ids, unwatched_servos(driven_joints))
         self._health_poller: HealthPoller | None = None
         self._cycle_at_s = self._horn_rad_s = 0.0
         self.restarts = 0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 
 from ikservo.control.joint_reading import with_retries
 from ikservo.errors import BusError, HeldUpError, RegisterAccessError
-from ikservo.guard import OverloadRule
+from ikservo.guard import MAX_TRAVEL_RAD, DrivenJoint, OverloadRule
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import find_servo_torque, nominal_supply_v
@@ -117,14 +117,22 @@ _WATCHDOG_COUNTS = 5  # time-out of the watchdog in counts of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
 
 
+def unwatched_servos(driven_joints: Iterable[DrivenJoint]) -> list[int]:
+    """Return the ids of servos whose watchdog must not be used, because their joints would sink.
+
+    A tripped watchdog sets the servo's goal to its position. A joint under load then sinks further
+    than to its last goal: with payload in the heaviest posture, by more than ``MAX_TRAVEL_RAD``.
+    """
+    return [driven.servo_id for driven in driven_joints if driven.sag_rad > MAX_TRAVEL_RAD]
+
+
 class ServoRamLimits:
     """Speed, acceleration and torque limits in RAM, and the watchdog if there is one.
 
     Args:
         bus: The servo bus.
         servo_ids: The servos to which goals are sent.
-        unwatched: Servos whose watchdog is not used. A tripped watchdog sets the servo's goal to
-            its position, and a joint under load then sinks further than to its last goal.
+        unwatched: Servos whose watchdog is not used.
     """
 
     def __init__(

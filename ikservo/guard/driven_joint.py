@@ -9,7 +9,7 @@ from functools import cached_property
 
 from ikservo.calibration import JointMap, Limits, format_position, format_source
 from ikservo.errors import RefusedError
-from ikservo.guard.goal_lead import MAX_TRAVEL_RAD, at_rest_lead_rad, moving_lead_rad
+from ikservo.guard.goal_lead import at_rest_lead_rad, moving_lead_rad
 
 TickRow = Sequence[int | None]
 """A tick per joint, in the order of an arm's joints; None leaves a joint out."""
@@ -66,14 +66,6 @@ class DrivenJoint:
         low, high = self.position_range
         margin = min(self.stall_error, 0.5 * (high - low))
         return low + margin, high - margin
-
-    @property
-    def sinks_far(self) -> bool:
-        """Whether a servo whose goal is set to its position sinks far under the arm's weight.
-
-        Far means more than ``MAX_TRAVEL_RAD``, with payload in the heaviest posture.
-        """
-        return self.sag_rad > MAX_TRAVEL_RAD
 
     @property
     def at_rest_lead_rad(self) -> float:

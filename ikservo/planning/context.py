@@ -10,7 +10,7 @@ import numpy as np
 
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.control.servo_group import ServoGroup
-from ikservo.errors import CollisionError, RefusedError
+from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, sample_line, sample_path
 from ikservo.hardware.port import Port
 from ikservo.hardware.port_names import serial_number_of
@@ -200,7 +200,7 @@ class ArmContext:
             return math.inf
         path = self.index.body_joints(self.planner.sample_trajectory(trajectory, speed))
         return self.checked_collision.check_path(
-            path, self.planner.dynamic_load_factor(speed), began_m=self._contacts_began_m()
+            path, self.planner.dynamic_load_factor(speed), began_m=self.contacts_began_m()
         )
 
     def check_piece(self, running: Trajectory, from_s: float, until_s: float, speed: str) -> None:
@@ -225,7 +225,7 @@ class ArmContext:
             self.checked_collision.check_path(
                 self.index.body_joints(path),
                 rest=self.index.body_joints(rest),
-                began_m=self._contacts_began_m(),
+                began_m=self.contacts_began_m(),
             )
 
     def check_straight_path(self, start: Vector, goal: Vector) -> None:
@@ -237,7 +237,7 @@ class ArmContext:
         if self.checked_collision is not None:
             self.checked_collision.check_path(
                 self.index.body_joints(self.interpolate_joints(start, goal)),
-                began_m=self._contacts_began_m(),
+                began_m=self.contacts_began_m(),
             )
 
     def check_gripper_path(self, start: Vector, goal: Vector) -> None:
@@ -268,32 +268,11 @@ class ArmContext:
         joints = [self.model.joint(name) for name in self.servos.names]
         return np.array([joint.travel_per_turn / math.tau for joint in joints])
 
-    def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
-        """Check the path of the joints to the start of a recorded path (k, n), and along that path.
-
-        Contacts at ``start`` (n,) may occur again, with the same depth, except with a box in which
-        the recording begins, because the box may have been added later.
-
-        Raises:
-            RefusedError: The arm would touch something.
-        """
-        checker = self.checked_collision
-        if checker is None:
-            return
-        first_m = checker.distances([self.index.body_joints(recorded[0])])[0]
-        for pair, gap_m in zip(checker.pairs, first_m.tolist(), strict=True):
-            if pair[1] in checker.things and gap_m < 0.0:
-                raise CollisionError(pair, -gap_m, 0.0)
-        path = np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]])
-        checker.check_path(
-            self.index.body_joints(path), may_touch_again=True, began_m=self._contacts_began_m()
-        )
-
     def note_contacts(self, joints: Vector) -> None:
         """Record the contacts of the resting body at joints (n,), before a motion."""
         if self.checked_collision is not None:
             self.surroundings.note_contacts(self.index.body_joints(joints))
 
-    def _contacts_began_m(self) -> Vector | None:
+    def contacts_began_m(self) -> Vector | None:
         """Return the depths at which contacts began; None for a limp arm, which may sink."""
         return None if self.servos.torque.is_off else self.surroundings.contacts_began_m()

@@ -48,7 +48,7 @@ def two():
         yield served
 
 
-def test_page_chooses_adapter_that_is_plugged_in_unless_another_was_chosen(page, monkeypatch):
+def test_page_chooses_new_adapter_unless_another_was_chosen(page, monkeypatch):
     adapters = []
     monkeypatch.setattr(arm_choices, "list_adapters", lambda: tuple(adapters))
     with opened_panel() as served:

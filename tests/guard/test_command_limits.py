@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from ikservo.calibration import Crank, JointMap, Limits
+from ikservo.control.watchdog_and_torque_limits import unwatched_servos
 from ikservo.errors import BadValueError
 from ikservo.guard import DrivenJoint
 from tests.guard.gates import TICK, make_limits
@@ -66,8 +67,9 @@ def test_maximum_lead_grows_with_lifting_lag_up_to_130_ticks(lag_rad, lead):
 
 
 @pytest.mark.parametrize(("sag_ticks", "far"), [(59.0, False), (61.0, True)])
-def test_joint_counts_as_sinking_far_if_sag_exceeds_60_ticks(sag_ticks, far):
-    assert replace(make_limits(), sag_rad=sag_ticks * TICK).sinks_far == far
+def test_servo_of_joint_that_sags_by_60_ticks_has_no_watchdog(sag_ticks, far):
+    driven = replace(make_limits(), sag_rad=sag_ticks * TICK)
+    assert unwatched_servos([driven]) == ([driven.servo_id] if far else [])
 
 
 def test_maximum_lead_scales_with_encoder_resolution():

@@ -190,11 +190,33 @@ def _load(
     trajectory = RecordedTrajectory(recording.times_s, recording.joints, limits, lower, upper)
     path = trajectory.sample_path()
     try:
-        context.check_recorded_path(start, path)
+        _check_recorded_path(context, start, path)
     except CollisionError as error:
         _explain_contact(context, error, path)
         raise
     return recording, trajectory
+
+
+def _check_recorded_path(context: ArmContext, start: Vector, recorded: Matrix) -> None:
+    """Check the path of the joints to the start of a recorded path (k, n), and along that path.
+
+    Contacts at ``start`` (n,) may occur again, with the same depth, except with a box in which the
+    recording begins, because the box may have been added later.
+
+    Raises:
+        RefusedError: The arm would touch something.
+    """
+    checker, index = context.checked_collision, context.index
+    if checker is None:
+        return
+    first_m = checker.distances([index.body_joints(recorded[0])])[0]
+    for pair, gap_m in zip(checker.pairs, first_m.tolist(), strict=True):
+        if pair[1] in checker.things and gap_m < 0.0:
+            raise CollisionError(pair, -gap_m, 0.0)
+    path = np.vstack([context.interpolate_joints(start, recorded[0]), recorded[1:]])
+    checker.check_path(
+        index.body_joints(path), may_touch_again=True, began_m=context.contacts_began_m()
+    )
 
 
 def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
@@ -204,7 +226,7 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
     """
     for place, lying in (("beginning", path[0]), ("end", path[-1])):
         try:
-            context.check_recorded_path(lying, path)
+            _check_recorded_path(context, lying, path)
         except CollisionError:
             continue
         error.command_hint = (
@@ -239,7 +261,7 @@ class Replay(OwnMotion[ReplayResult]):
         started_s = context.now_s()
 
         def approach(start: Vector) -> JointMove:
-            context.check_recorded_path(start, trajectory.sample_path())
+            _check_recorded_path(context, start, trajectory.sample_path())
             return JointMove(start, trajectory.start, limits)
 
         reporter = context.progress_reporter(on_progress)

@@ -21,7 +21,7 @@ import { PointerInput } from "./pointing.js";
 import { Poses } from "./poses.js";
 import { Program } from "./program.js";
 import { Plots, download } from "./plots.js";
-import { Rendering } from "./rendering.js";
+import { Rendering } from "./flat_or_3d.js";
 import { Servos } from "./servos.js";
 import { StopButton } from "./stop.js";
 import { Things } from "./things.js";
