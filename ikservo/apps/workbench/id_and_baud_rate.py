@@ -252,10 +252,15 @@ def wait_for_servo(
     give_up_s = port.clock.now_s() + wait_s
     for attempt in count():
         found: list[FoundServo] = []
-        for place_rate, framing in _search_places(table, rate, before, attempt):
-            yield place_rate
-            seen = scan_rate(port, place_rate, [framing])  # some places are searched twice
-            found += [each for each in seen if _places_of([each])[0] not in _places_of(found)]
+        places = _search_places(table, rate, before, attempt)
+        for place in places:
+            yield place[0]
+            # A long search looks again and again where a new servo replies.
+            for place_rate, framing in (place, *(_new_servo_places(table) if places[9:] else ())):
+                seen = scan_rate(port, place_rate, [framing])  # some places are searched twice
+                found += [each for each in seen if _places_of([each])[0] not in _places_of(found)]
+            if found and not before:
+                break
         if _places_of(found) != _places_of(before):
             yield found
         if len(found) == 1 and not found[0].shares_id and _places_of(found) == _places_of(before):
@@ -307,6 +312,12 @@ def _search_places(
         places += product(candidate_baud_rates(), [own])
         places += product(candidate_baud_rates(), FRAMINGS)
     return list(dict.fromkeys(places))
+
+
+def _new_servo_places(table: type[ControlTable]) -> list[Place]:
+    """Return where a new servo replies; this is quick to try."""
+    framing = replace(framing_of(table.family), ids=_LOW_IDS)
+    return [(rate, framing) for rate in _FACTORY_RATES if rate in table.baud_rates.values()]
 
 
 def _places_of(found: Sequence[FoundServo]) -> list[tuple[int, int, bool]]:
