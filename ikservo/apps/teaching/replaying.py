@@ -18,6 +18,7 @@ from ikservo.arm.arm_protocol import ArmParts, OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
+from ikservo.arm.plan_execution import plan_and_execute
 from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.errors import CollisionError, FileFormatError, RefusedError
 from ikservo.files.reading import parse_path
@@ -25,7 +26,8 @@ from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motions import Speed
+from ikservo.planning.motions import MoveJoints, Speed
+from ikservo.planning.preflight_planner import PreflightPlanner
 from ikservo.planning.reports import OnProgress, ReplayResult
 from ikservo.settling.settling import settle_at
 
@@ -179,8 +181,12 @@ def position_at_rest(arm: ArmParts) -> Vector:
 
 
 def _load(
-    context: ArmContext, motion: Replay, start: Vector
+    context: ArmContext, motion: Replay, start: Vector, preflight: PreflightPlanner | None = None
 ) -> tuple[Recording, RecordedTrajectory]:
+    """Load a recording, and check the path to it and along it.
+
+    If only the straight motion to the first pose is blocked, ``preflight`` must find a way around.
+    """
     context.require_zeros()
     path = Path(motion.path)
     recording = _of_this_arm(context, read_recording(path), path)
@@ -192,9 +198,14 @@ def _load(
     try:
         _check_recorded_path(context, start, path)
     except CollisionError as error:
-        _explain_contact(context, error, path)
-        raise
+        if _explain_contact(context, error, path) != "beginning" or preflight is None:
+            raise
+        preflight.plan(_first_motion(context, trajectory, motion.speed))
     return recording, trajectory
+
+
+def _first_motion(context: ArmContext, trajectory: RecordedTrajectory, speed: Speed) -> MoveJoints:
+    return MoveJoints(context.index.by_name(trajectory.start), speed=speed)
 
 
 def _check_recorded_path(context: ArmContext, start: Vector, recorded: Matrix) -> None:
@@ -219,10 +230,13 @@ def _check_recorded_path(context: ArmContext, start: Vector, recorded: Matrix) -
     )
 
 
-def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> None:
+def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -> str:
     """Add a hint if the path (k, n) would be allowed for an arm that rests at one end.
 
     Contacts at the start of a replay are allowed throughout the path.
+
+    Returns:
+        The end: ``beginning`` or ``end``; empty if the path is not allowed from either end.
     """
     for place, lying in (("beginning", path[0]), ("end", path[-1])):
         try:
@@ -233,7 +247,8 @@ def _explain_contact(context: ArmContext, error: CollisionError, path: Matrix) -
             f"Switch torque off, move the arm by hand to its posture at the {place} of the "
             f"recording, and replay it again: contacts at the start are then allowed."
         )
-        break
+        return place
+    return ""
 
 
 @dataclass(frozen=True)
@@ -255,7 +270,7 @@ class Replay(OwnMotion[ReplayResult]):
     def run(self, arm: ArmParts, on_progress: OnProgress | None) -> ReplayResult:
         """Move to the first pose of the recording, then along the recording; see `replay`."""
         context, runner, speed = arm.context, arm.runner, self.speed
-        recording, trajectory = _load(context, self, position_at_rest(arm))
+        recording, trajectory = _load(context, self, position_at_rest(arm), arm.preflight)
         approach_speed = runner.allowed_speed(speed)
         limits = context.planner.motion_limits(approach_speed)
         started_s = context.now_s()
@@ -265,7 +280,11 @@ class Replay(OwnMotion[ReplayResult]):
             return JointMove(start, trajectory.start, limits)
 
         reporter = context.progress_reporter(on_progress)
-        runner.run(approach, reporter, approach_speed)
+        try:
+            runner.run(approach, reporter, approach_speed)
+        except CollisionError:  # nothing has moved
+            plan_and_execute(arm, _first_motion(context, trajectory, speed), None)
+            runner.run(approach, reporter, approach_speed)
         runner.run(lambda _: trajectory, reporter, speed)
         goal = trajectory.state(trajectory.duration_s).position
         with runner.motion():
@@ -324,7 +343,7 @@ def load_replay(
             another machine.
     """
     motion, own = Replay(fspath(parse_path(path)), speed=speed), require_own_port(arm)
-    return _load(own.context, motion, position_at_rest(own))
+    return _load(own.context, motion, position_at_rest(own), own.preflight)
 
 
 def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:

@@ -1,0 +1,50 @@
+"""A replay begins with a motion to the recorded start, around what is in the way."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.apps.teaching.recorder import recording_header
+from ikservo.apps.teaching.recording import RecordingWriter
+from ikservo.apps.teaching.replaying import load_replay
+from ikservo.errors import CollisionError
+from tests.arm.test_ways_around import LEFT, RIGHT
+
+
+def measured_joints(arm):
+    return np.array(list(arm.where().positions.values()))
+
+
+def test_replay_begins_with_way_around_obstacle(arm_between_posts, tmp_path):
+    arm, path = arm_between_posts(tmp_path)
+    assert load_replay(arm, path)[1].duration_s > 0.0
+    arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
+    result = arm.replay(path)
+    assert result.error_rad < 0.02
+    assert np.linalg.norm(result.measured_tip_m - RIGHT) < 0.003
+
+
+def test_replay_of_obstructed_recording_is_refused_before_it_moves(arm_between_posts, tmp_path):
+    arm, path = arm_between_posts(tmp_path)
+    before = measured_joints(arm)
+    arm.scene.add("box", "the wall", centre_m=RIGHT, size_m=(0.03, 0.03, 0.03))
+    with pytest.raises(CollisionError, match="the wall"):
+        arm.replay(path)
+    np.testing.assert_allclose(measured_joints(arm), before, atol=0.01)
+
+
+@pytest.fixture
+def arm_between_posts():
+    """Return a function that records the arm at rest on the right and moves it to the left."""
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+
+        def prepare(folder):
+            arm.move_to(RIGHT)
+            path, joints = folder / "rest.jsonl", measured_joints(arm)
+            with RecordingWriter(path, recording_header(arm.model, 0.1)) as writer:
+                for step in range(11):
+                    writer.write(0.1 * step, joints)
+            arm.move_to(LEFT)
+            return arm, path
+
+        yield prepare
