@@ -26,7 +26,8 @@ export class Arms {
       camera_url: ({ url }) => this.camera.setAddress(url),
       refused: ({ message, hint }) => this.note(`${message} ${hint}`),
       closed: (why, reason) => {
-        this.note(why === "full" ? reason : "No connection to `ikservo view`.");
+        this.note(why === "full" ? reason : "No connection to `ikservo view`. Start it again, then open the address that it prints.");
+        this.dialogue.show(null);
         this.camera.drop();
       },
     }, "arms");
@@ -152,6 +153,7 @@ export class Arms {
     fillSelect($("arms-port"), ports.map(([name, text]) => [name, text ? `${name} – ${text}` : name]));
     fillSelect($("new-arm-port"), [["", "no servos connected"], ...ports.filter(([name]) => name !== "sim").map(([name, text]) => [name, text ? `${name} – ${text}` : name])]);
     $("arms-own-none").hidden = own.length > 0;
+    $("arms-no-port").hidden = ports.length > 1;
     $("arms-own").replaceChildren(...own.map((row) => this.createOwnRow(row)));
   }
 
