@@ -296,7 +296,7 @@ def _direction_request(
             f"has. If you moved {subject.name}, their ids are interchanged: set up both again."
         )
     if not state.is_second_trial:
-        return f"Move {subject.name} {direction}."
+        return f"Move {subject.name} {direction}; hold the others. Both ends come later."
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (

@@ -90,6 +90,7 @@ export class Arms {
     this.dialogue.show(message.dialogue);
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list may be shown before the connection
+    for (const [select, chosen] of [["arms-model", this.list[0]?.name], ["arms-port", this.list[0]?.port]]) $(select).dataset.chosen ??= chosen ?? "";
     const { cameras } = message;
     setText($("arms-none"), cameras.length ? `None yet. The picture of ${cameras.join(" and ")} is shown with an arm: open one.` : "None yet.");
     this.update();
