@@ -65,6 +65,17 @@ def test_attached_object_keeps_its_size_and_place(arm):
     np.testing.assert_allclose(again.row, stands.row, atol=1e-12)
 
 
+def test_attached_objects_weigh_payload_of_arm_file_together(arm):
+    def weight_kg():
+        return context_of(arm).collision.sag.masses[:, 0].sum()
+
+    empty_kg, payload_kg = weight_kg(), arm.model.payload_kg
+    for name in ("one", "two", "three"):
+        arm.scene.add("sphere", name, centre_m=arm.where().tip_m, radius_m=0.01)
+        arm.scene.attach(name)
+        assert weight_kg() == pytest.approx(empty_kg + payload_kg)
+
+
 def test_invalid_scene_change_is_refused_and_changes_nothing(arm, tmp_path):
     arm.scene.add("cylinder", "the can", centre_m=(0.0, 0.4, 0.1), radius_m=0.03, height_m=0.2)
     with pytest.raises(UnknownNameError, match="sphere"):

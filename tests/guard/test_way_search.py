@@ -72,6 +72,13 @@ def test_path_search_ends_by_callback_or_sample_limit():
     assert not walled.has_ended
 
 
+def test_path_search_ends_once_its_trees_are_full(monkeypatch):
+    monkeypatch.setattr(path_search, "_NODES", 60)
+    walled = search(maze(gap=5.0))
+    assert walled.find(10**6) is None
+    assert walled.has_ended
+
+
 def test_path_search_does_not_jump_through_thin_wall(monkeypatch):
     thin = maze(gap=5.0)  # the wall is 80 mm thick, as is the ball with what it keeps
     monkeypatch.setattr(path_search, "_STEP_M", 0.5)
