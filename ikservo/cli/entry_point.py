@@ -159,7 +159,8 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
     args = list(args)
     _prepare_streams()
     with warnings.catch_warnings():
-        warnings.showwarning = _print_warning
+        # As a sentence, without the place in the code that issued it.
+        warnings.showwarning = lambda message, *_, **__: print_status(str(message))
         try:
             code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
             sys.stdout.flush()  # here, where a full disk can still be reported
@@ -170,11 +171,6 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
             error = cause if isinstance(cause, BrokenPipeError) else raised
             code = _report_failure(error, args)
             return _Outcome(code, code == ExitCode.STOPPED and _is_interrupt(error))
-
-
-def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning as a sentence, without the place in the code that issued it."""
-    print_status(str(message))
 
 
 def _report_failure(error: BaseException, args: Sequence[str]) -> int:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import os
-import shutil
 import warnings
 from collections.abc import Callable, Sequence
 from functools import cache, partial, wraps
@@ -18,7 +17,6 @@ from pathlib import Path
 from typing import ParamSpec, Protocol, TypeVar, cast
 
 import numpy as np
-from platformdirs import user_cache_path
 
 from ikservo.kinematics.arrays import Matrix
 
@@ -109,7 +107,6 @@ def is_compiled() -> bool:
 @cache
 def _extension() -> _Extension | None:
     """Return the extension module; None if there is none, or if it is older than its sources."""
-    _remove_numba_caches()
     if os.environ.get(_SWITCH) == "0":
         return None
     try:
@@ -129,9 +126,3 @@ def _has_changed(source: str, digest: str) -> bool:
     """Check whether a source has changed; the source of a deleted app counts as unchanged."""
     path = _PACKAGE.parent / source
     return path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() != digest
-
-
-def _remove_numba_caches() -> None:
-    """Remove the cache files of earlier versions, which compiled on first use, for this user."""
-    for folder in user_cache_path("ikservo").glob("kernels-*"):
-        shutil.rmtree(folder, ignore_errors=True)

@@ -81,7 +81,7 @@ def test_page_without_arm_lists_opens_and_changes_arms(page):
         expect(page.locator("#live")).to_be_hidden()
         page.select_option("#arms-model", "koch")
         page.select_option("#arms-port", "sim")
-        page.click("#arms-form button")
+        page.click("#arms-form [type=submit]")
         page.wait_for_selector("#title:has-text('Koch')")
         page.wait_for_selector("body[data-mode=preview]")
         koch = served.app.arms.find("koch")
@@ -90,7 +90,7 @@ def test_page_without_arm_lists_opens_and_changes_arms(page):
         )) - {"gripper"}  # fmt: skip
         page.click("#arms-toggle")
         page.select_option("#arms-model", "planar3")
-        page.click("#arms-form button")
+        page.click("#arms-form [type=submit]")
         page.wait_for_selector("#views [value=plane]")
         page.click("#arms-toggle")
         page.click("[aria-label='Show koch']")
@@ -181,6 +181,7 @@ def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
     with opened_panel() as served:
         page.goto(served.urls.control)
         page.wait_for_selector("#arms-port [value=sim]", state="attached")
+        page.click("#new-arm summary")
         page.fill("#new-arm-name", "measured")
         page.click("#new-arm-start")
         page.set_default_timeout(60_000)
@@ -205,7 +206,7 @@ def test_arm_is_created_and_opened_on_the_page(page, tmp_path, monkeypatch):
         page.wait_for_selector("#arms-model [value=measured]", state="attached")
         page.select_option("#arms-model", "measured")
         page.select_option("#arms-port", "sim")
-        page.click("#arms-form button")
+        page.click("#arms-form [type=submit]")
         page.wait_for_selector("#title:has-text('measured')")
         assert (tmp_path / "measured" / "arm.toml").is_file()
 
@@ -218,12 +219,15 @@ def test_page_sets_up_and_checks_new_servos(page):
         page.select_option("#arms-model", "so101")
         page.select_option("#arms-port", "sim")
         page.click("#arms-setup")
-        page.click("#dialogue form button:has-text('Answer')")
+        page.click("#dialogue form button:has-text('Continue')")
         expect(page.locator("#arms-check")).to_be_disabled()
         page.wait_for_selector("#dialogue form:has-text('Set it to id 1 at 1000000 baud')")
         page.click("#dialogue form button:has-text('yes')")
         page.wait_for_selector("#dialogue li:has-text('✓ shoulder_pan (id 1): id 9 → 1')")
         page.click("#dialogue button:has-text('Leave')")
-        page.click("#arms-check")
+        expect(page.locator("#dialogue")).to_be_hidden()
+        while page.locator("#dialogue").is_hidden():  # the port is still being closed
+            page.click("#arms-check")
+            page.wait_for_timeout(300)
         page.wait_for_selector("#dialogue p:has-text('No faults found.')")
         assert page.evaluate(CONTRAST) == []

@@ -290,8 +290,13 @@ def _direction_request(
     model: Model, pose: str, state: CalibrationState, subject: JointUnderCalibration
 ) -> str:
     direction = describe_direction(model, model.joint(subject.name), pose, subject.free_direction)
+    if other := state.moved_instead:
+        return (
+            f"Move {subject.name} {direction}. Its servo has not moved, but that of {other.name} "
+            f"has. If you moved {subject.name}, their ids are interchanged: set up both again."
+        )
     if not state.is_second_trial:
-        return f"Move {subject.name} {direction}."
+        return f"Move {subject.name} {direction}; hold the others. Both ends come later."
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (

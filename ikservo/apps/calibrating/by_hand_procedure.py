@@ -149,6 +149,7 @@ def _format_expected_range(subject: JointUnderCalibration) -> str:
 MARGIN_RAD = math.radians(2.0)
 
 _RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; a closer joint has returned
+_MOVED_INSTEAD = 2.0  # of the same motion, by another joint
 
 
 class CalibrationStage(StrEnum):
@@ -180,7 +181,7 @@ class CalibrationState:
         free: Joints that the user marked as having no stops.
         known_signs: Joints whose sign in the arm file is known to be right.
         motor_driven: Whether the servos, not the user, move the joints.
-        direction_start: The tick from which the current joint must be moved.
+        direction_start: The ticks, by id, from which the current joint must be moved.
         before: The state before the last input.
     """
 
@@ -198,7 +199,7 @@ class CalibrationState:
     free: frozenset[str] = frozenset()
     known_signs: frozenset[str] = frozenset()
     motor_driven: bool = False
-    direction_start: int | None = None
+    direction_start: Mapping[int, int] | None = None
     before: CalibrationState | None = None
 
     @classmethod
@@ -222,6 +223,16 @@ class CalibrationState:
     def is_second_trial(self) -> bool:
         """Whether the current joint must be moved a second time to confirm its sign."""
         return self.current_joint is not None and self.current_joint.name in self.unconfirmed_signs
+
+    @property
+    def moved_instead(self) -> JointUnderCalibration | None:
+        """The joint that moved far since the current joint should move, which has not moved."""
+        current = self.current_joint
+        moved = {s.name: abs(self._moved_ticks(s)) / s.min_motion_ticks for s in self.subjects}
+        if current is None or moved[current.name] > _RETURNED_FRACTION:
+            return None
+        other = max(self.subjects, key=lambda each: moved[each.name])
+        return other if moved[other.name] > _MOVED_INSTEAD else None
 
     @property
     def is_at_rest(self) -> bool:
@@ -330,6 +341,10 @@ class CalibrationState:
             direction_start=None,
         )
 
+    def _moved_ticks(self, subject: JointUnderCalibration) -> int:
+        start = (self.direction_start or {}).get(subject.servo_id)
+        return 0 if start is None else self.tracks[subject.servo_id].tick - start
+
     def _remember_previous(self, **changes: object) -> CalibrationState:
         if self.stage is not CalibrationStage.SWEEP:
             hint = f"The calibration is in stage {self.stage}."
@@ -345,10 +360,9 @@ class CalibrationState:
         subject = self.current_joint
         if subject is None:
             return self
-        tick = self.tracks[subject.servo_id].tick
         if self.direction_start is None:
-            return replace(self, direction_start=tick)
-        moved = tick - self.direction_start
+            return replace(self, direction_start={i: each.tick for i, each in self.tracks.items()})
+        moved = self._moved_ticks(subject)
         if self.is_second_trial and not self.returned:
             back = abs(moved) < _RETURNED_FRACTION * subject.min_motion_ticks
             return replace(self, returned=True) if back else self

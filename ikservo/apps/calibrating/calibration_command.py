@@ -219,7 +219,14 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
         CalibrationError: The calibration does not fit the servos, or none is attached.
         FileFormatError: The file cannot be read.
     """
-    calibration = _read_recorded(path)
+    text: str | None = find_part("import recording")(path)
+    if text is None:
+        raise CalibrationError(
+            f"No calibration is attached to {path}.",
+            "A calibration is attached when a calibrated arm is recorded as MCAP: ikservo "
+            "record FILE.mcap",
+        )
+    calibration = parse_calibration(path, text)
     with open_torque_off(model, port) as limp_arm:
         check_adoptable(limp_arm, path, calibration)
         saved = _confirm_adoption(limp_arm, path, calibration, yes=yes)
@@ -228,23 +235,6 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
     else:
         print_lines([f"Saved to {saved}"])
     print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
-
-
-def _read_recorded(path: Path) -> Calibration:
-    """Read the calibration that is attached to a recording.
-
-    Raises:
-        CalibrationError: No calibration is attached.
-        FileFormatError: The file is not an MCAP file, or the calibration is malformed.
-    """
-    text: str | None = find_part("import recording")(path)
-    if text is None:
-        raise CalibrationError(
-            f"No calibration is attached to {path}.",
-            "A calibration is attached when a calibrated arm is recorded as MCAP: ikservo "
-            "record FILE.mcap",
-        )
-    return parse_calibration(path, text)
 
 
 def _confirm_adoption(

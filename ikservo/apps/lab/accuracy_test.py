@@ -217,7 +217,7 @@ class AccuracyTest:
 
     def __init__(self, arm: OpenArm, settings: TestSettings, on_step: OnStep | None = None) -> None:
         self._arm, self._settings = arm, settings
-        self.on_step: OnStep = on_step or _ignore_step
+        self.on_step: OnStep = on_step or (lambda *_: None)
         self.cube: IsoCube = place_cube(arm)
         self.top_speed_m_s = 0.0
         self.poses: list[PoseResult] = []
@@ -348,7 +348,3 @@ class AccuracyTest:
 
     def _move_to(self, point_m: Vector) -> Vector:
         return self._arm.move_to(point_m, speed="fast").measured_tip_m
-
-
-def _ignore_step(what: str, done: float, total: float) -> None:
-    _ = what, done, total

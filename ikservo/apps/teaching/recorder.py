@@ -167,12 +167,10 @@ def record_arm(context: ArmContext, runner: MotionRunner, settings: RecordSettin
     arm = describe_arm(
         context.model, context.chain, settings.period_s, context.zeros, context.serial_number
     )
-    measure = _OwnArm(context, runner) if _is_ros(settings) else _positions_only(context)
-    return record(measure, context.servos.clock, arm, settings)
-
-
-def _positions_only(context: ArmContext) -> Callable[[], ArmSample]:
-    return lambda: ArmSample(context.servos.measure_positions())
+    servos = context.servos
+    measure = _OwnArm(context, runner) if _is_ros(settings) else None
+    measure = measure or (lambda: ArmSample(servos.measure_positions()))
+    return record(measure, servos.clock, arm, settings)
 
 
 class _OwnArm:

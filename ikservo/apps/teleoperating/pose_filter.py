@@ -331,7 +331,8 @@ class PoseFilter:
 
     def _bounded(self, found: Vector, q: Vector, elapsed_s: float) -> Vector:
         """Return the part (dof,) of a step that the joints can make in the elapsed time."""
-        slowest_m_rad = self._mobility(q)
+        sizes = np.linalg.svd(self._chain.jacobian(q)[:3], compute_uv=False)
+        slowest_m_rad = float(sizes[self._moves - 1])  # smallest motion of the tip per radian
         slowing = min(1.0, max(_SLOWEST, slowest_m_rad / _SINGULAR_M_RAD))
         most = self._speeds * (elapsed_s * slowing)
         step = found - q
@@ -345,11 +346,6 @@ class PoseFilter:
         elif self.is_out_of_reach:
             self.limit = "reach"
         return self._chain.clip(q + step)
-
-    def _mobility(self, q: Vector) -> float:
-        """Return the smallest motion of the tip per radian [m/rad] at joints (dof,)."""
-        sizes = np.linalg.svd(self._chain.jacobian(q)[:3], compute_uv=False)
-        return float(sizes[self._moves - 1])
 
 
 def _swing(start: Vector, end: Vector) -> Matrix:

@@ -118,7 +118,8 @@ def configure_servo(
     yield Notice("Searching at every baud rate. If you stop, finished servos keep their settings.")
     found = yield from _find_servo(line, settings, wait_s)
     check_model(found, settings)
-    yield Notice(f"Found {found}, firmware {found.firmware}.")
+    used = "" if found.id in (1, servo.id) else " It was used before: new servos have id 1."
+    yield Notice(f"Found {found}, firmware {found.firmware}.{used}")
     if (found.id, found.baud_rate) != (servo.id, settings.baud_rate):
         question = f"Set it to id {servo.id} at {settings.baud_rate} baud for {servo.name}?"
         if (yield Question(question, Unasked.ERROR)) != ACCEPT:

@@ -189,6 +189,7 @@ class _ServoBeingProvisioned:
             self._unlock_eeprom()
             self._write_unconfirmed(self._table.baud_rate, baud_code)
             self._rate = self._settings.baud_rate
+            self.written[-1] += f" ({self._rate} baud)"
             self._port.setBaudRate(self._rate)
         self._verify_register(self._table.baud_rate, baud_code)
 

@@ -146,6 +146,18 @@ def test_joint_sign_is_recorded_only_for_requested_joint():
     assert hand.state.signs == {"a": 1}
 
 
+@pytest.mark.parametrize(
+    ("requested", "other", "named"), [(0, 300, False), (0, -400, True), (100, 400, False)]
+)
+def test_joint_that_moves_instead_of_requested_one_is_named(requested, other, named):
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
+    hand.move(other, 2).move(requested, 1)
+    assert (hand.state.moved_instead is not None) == named
+    hand.move(800 - requested, 1).move(800, 2)
+    assert hand.state.moved_instead is None
+    assert hand.state.signs == {"a": 1, "b": 1}
+
+
 def test_swept_range_is_tracked_across_encoder_wrap_around():
     hand = Hand(subject(), start=50).rest().accept().move(900).move(-1900).move(900)
     track = hand.state.tracks[1]

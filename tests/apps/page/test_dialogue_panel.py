@@ -168,3 +168,22 @@ def test_second_page_dialogue_is_refused_while_first_runs(panel):
     panel.start(SetUpServos(CONFIGS / "so101" / "arm.toml", "sim"))
     with pytest.raises(BadMessageError, match="Another dialogue is running"):
         panel.start(CheckServos(CONFIGS / "so101" / "arm.toml", "sim"))
+
+
+def test_page_task_waits_until_left_task_has_closed_its_port(panel):
+    task = SetUpServos(CONFIGS / "so101/arm.toml", "sim")
+    panel.start(task)
+    wait_for(panel, asked("Begin with the servo of"))
+    answer(panel, "gripper")
+    panel.close()
+    with pytest.raises(BadMessageError, match="being ended"):
+        panel.start(task)
+    until_s = time.monotonic() + 60.0
+    while time.monotonic() < until_s:
+        try:
+            panel.start(task)
+        except BadMessageError:
+            time.sleep(0.1)
+        else:
+            return
+    pytest.fail("the left task does not end")

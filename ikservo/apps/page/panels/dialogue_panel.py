@@ -64,6 +64,7 @@ class DialoguePanel:
 
     def __init__(self, folder: Path, *, is_local: bool = True) -> None:
         self._folder, self._is_local = folder, is_local
+        self._ending: BaseProcess | None = None
         self._reset()
 
     def _reset(self) -> None:
@@ -102,6 +103,8 @@ class DialoguePanel:
         """
         if self.is_running:
             raise BadMessageError("Another dialogue is running.", "Finish or leave that one first.")
+        if self._ending is not None and self._ending.is_alive():  # it still has the port
+            raise BadMessageError("The previous task is being ended.", "Try again in a moment.")
         self._reset()
         self._moves_servos, self._has_port = moves_servos, task.port is not None
         context = get_context("spawn")
@@ -151,6 +154,7 @@ class DialoguePanel:
         if self._process is not None:
             grace_s = _LET_GO_S if self._has_port else 0.0
             threading.Thread(target=_end, args=(self._process, grace_s)).start()
+            self._ending = self._process
 
     def read(self) -> tuple[Path, ...]:
         """Read new items of the dialogue; return the folders that it has written."""

@@ -140,8 +140,10 @@ def _make_arm(new: NewArm) -> EntryDialogue[DialogueEnd]:
 def _set_up(line: Connection, task: SetUpServos) -> EntryDialogue[DialogueEnd]:
     model = load_model(task.arm)
     names = tuple(dict.fromkeys(each.servo.name for each in planned_settings(model)))
-    start = yield Entry("Begin with the servo of", "--start", names[0], names)
     port = task.port
+    if not is_simulated(port):
+        yield Notice("Unplug all servos from the adapter, and switch on the power supply.")
+    start = yield Entry("Begin with the servo of", "--start", names[0], names)
     if is_simulated(port):
         port = with_simulator_option(with_simulator_option(port, "paced=1"), "hand=setup")
         yield Notice("A simulated hand plugs in and unplugs the simulated servos.")
@@ -164,10 +166,13 @@ def _check(line: Connection, task: CheckServos) -> EntryDialogue[DialogueEnd]:
 
     model = load_model(task.arm)
     port = resolve_port(model, task.port)
+    if is_simulated(port):
+        yield Notice("Port sim: these are simulated servos, not your own.")
     found: Counter[Severity] = Counter()
     for finding in diagnose(port, None if task.any_servos else model, show_progress):
         found[finding.level] += 1
-        remedy = f" {in_page(finding.fix)}" if finding.fix else ""
+        fix = in_page(finding.fix).replace("press Calibrate", "press Open, then Calibrate")
+        remedy = f" {fix}" if fix else ""
         yield Notice(f"{finding.level.mark} {finding.topic}: {finding.text}.{remedy}")
     if found[Severity.BAD] or found[Severity.ODD]:
         counts = f"Faults: {found[Severity.BAD]}, warnings: {found[Severity.ODD]}"

@@ -168,7 +168,8 @@ class HitTester:
             hits = self._objects.pick_all_at(camera, poses, at)
             objects = [PickCandidate(hit, "object", None) for hit in hits]
         for candidates in (moving, objects, fixed):
-            candidates.sort(key=_is_beside_pointer)
+            # Hits beside the pointer come last; the order of depth is kept.
+            candidates.sort(key=lambda each: each.hit.away_px > 0.0)
         return (*moving, *objects, *fixed)
 
     def joint_at(
@@ -190,8 +191,3 @@ class HitTester:
     def columns(self, link: str) -> list[int]:
         """Return the indices in q of the joints that move a link, base to tip."""
         return [step.column for step in self._chain.joints_to(link) if step.scale]
-
-
-def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Check whether a hit is only next to the pointer; a sort by this keeps the order of depth."""
-    return found.hit.away_px > 0.0

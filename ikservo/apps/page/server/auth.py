@@ -196,7 +196,7 @@ class ConnectionLimiter(H11Protocol):
             if isinstance(other, ConnectionLimiter) and not other.transport.is_closing()
         ]
         if len(waiting) > MAX_PENDING_CONNECTIONS:
-            min(waiting, key=_connected_since_s).transport.abort()
+            min(waiting, key=lambda each: each._since_s).transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Cancel the idle timer."""
@@ -208,7 +208,3 @@ class ConnectionLimiter(H11Protocol):
         # Despite the type hints, the cycle is None before the first request.
         if self in self.connections and not self.cycle:
             self.transport.abort()
-
-
-def _connected_since_s(connection: ConnectionLimiter) -> float:
-    return connection._since_s  # pyright: ignore[reportPrivateUsage]

@@ -26,7 +26,8 @@ export class Arms {
       camera_url: ({ url }) => this.camera.setAddress(url),
       refused: ({ message, hint }) => this.note(`${message} ${hint}`),
       closed: (why, reason) => {
-        this.note(why === "full" ? reason : "No connection to `ikservo view`.");
+        this.note(why === "full" ? reason : "No connection to `ikservo view`. Start it again, then open the address that it prints.");
+        this.dialogue.show(null);
         this.camera.drop();
       },
     }, "arms");
@@ -89,6 +90,7 @@ export class Arms {
     this.dialogue.show(message.dialogue);
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list may be shown before the connection
+    for (const [select, chosen] of [["arms-model", this.list[0]?.name], ["arms-port", this.list[0]?.port]]) $(select).dataset.chosen ??= chosen ?? "";
     const { cameras } = message;
     setText($("arms-none"), cameras.length ? `None yet. The picture of ${cameras.join(" and ")} is shown with an arm: open one.` : "None yet.");
     this.update();
@@ -152,6 +154,7 @@ export class Arms {
     fillSelect($("arms-port"), ports.map(([name, text]) => [name, text ? `${name} – ${text}` : name]));
     fillSelect($("new-arm-port"), [["", "no servos connected"], ...ports.filter(([name]) => name !== "sim").map(([name, text]) => [name, text ? `${name} – ${text}` : name])]);
     $("arms-own-none").hidden = own.length > 0;
+    $("arms-no-port").hidden = ports.length > 1;
     $("arms-own").replaceChildren(...own.map((row) => this.createOwnRow(row)));
   }
 

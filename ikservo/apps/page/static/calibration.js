@@ -29,6 +29,7 @@ export class CalibrationScreens {
     const parts = [
       createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
       createElement("p", { class: "task", role: "status" }, calibration.task),
+      calibration.stage === "anchor" ? createElement("p", { class: "quiet" }, "The pale arm has this pose. The dark arm shows what the servos report.") : null,
       ...calibration.lines.map((line) => createElement("p", {}, line)),
       createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration))),
       calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,

@@ -28,6 +28,7 @@ export class ServerDialogue {
     for (const button of START_BUTTONS) $(button).disabled = Boolean(dialogue) && !isOver(dialogue);
     $("dialogue").replaceChildren(...(dialogue ? this.createParts(dialogue) : []));
     $("dialogue").querySelector("ul")?.scrollTo(0, 1e6); // scroll to the latest line
+    $("dialogue").scrollIntoView({ block: "nearest" });
     if (dialogue?.question) $("dialogue").querySelector("form :is(input, select, button)").focus();
   }
 
@@ -51,7 +52,7 @@ export class ServerDialogue {
     const entry = question.choices.length
       ? createElement("select", { "aria-label": question.text }, ...question.choices.map((choice) => createElement("option", { value: choice, selected: choice === question.default }, choice)))
       : createElement("input", { "aria-label": question.text, value: question.default, autocomplete: "off" });
-    form.append(entry, createElement("button", { class: "primary small" }, "Answer"));
+    form.append(entry, createElement("button", { class: "primary small" }, "Continue"));
     form.onsubmit = (event) => { event.preventDefault(); answer(entry.value); };
     return form;
   }
