@@ -160,7 +160,9 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
     _prepare_streams()
     with warnings.catch_warnings():
         # As a sentence, without the place in the code that issued it.
-        warnings.showwarning = lambda message, *_, **__: print_status(str(message))
+        warnings.showwarning = lambda message, category, filename, lineno, file=None, line=None: (
+            print_status(str(message))
+        )
         try:
             code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
             sys.stdout.flush()  # here, where a full disk can still be reported

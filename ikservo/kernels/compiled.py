@@ -11,7 +11,7 @@ import hashlib
 import importlib
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, partial, wraps
 from pathlib import Path
 from typing import ParamSpec, Protocol, TypeVar, cast
@@ -62,7 +62,13 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 
         @wraps(function)
         def run(*arguments: P.args, **named: P.kwargs) -> R:
-            _check_types(name, kinds, arguments)
+            for kind, argument in zip(kinds, arguments, strict=False):
+                array = cast("Matrix", argument)
+                if kind and not (
+                    isinstance(argument, np.ndarray) and (array.dtype.name, array.ndim) == kind
+                ):
+                    what = f"{kind[0]} with {kind[1]} dimension(s)"
+                    raise TypeError(f"{name}: not an array of {what}")
             if not check(*arguments, **named):
                 raise ValueError(f"{name}: the shapes of the arrays do not match")
             with np.errstate(all="ignore"):  # as in C
@@ -77,18 +83,6 @@ def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]
 def vectorised(function: Callable[P, R]) -> Callable[P, R]:
     """Mark a kernel whose loops are so long that C should compute several iterations at once."""
     return function
-
-
-def _check_types(
-    name: str, kinds: Sequence[tuple[str, int] | None], arguments: Sequence[object]
-) -> None:
-    """Raise TypeError if an argument is not an array of its parameter's type."""
-    for kind, argument in zip(kinds, arguments, strict=False):
-        if kind is None:
-            continue
-        array = cast("Matrix", argument)
-        if not isinstance(argument, np.ndarray) or (array.dtype.name, array.ndim) != kind:
-            raise TypeError(f"{name}: not an array of {kind[0]} with {kind[1]} dimension(s)")
 
 
 def bind(name: str, *arguments: object) -> Callable[..., object]:

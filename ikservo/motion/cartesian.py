@@ -82,7 +82,7 @@ def solve_cartesian_path(
         )
     failed: list[CartesianPathError] = []
     found: list[CartesianJointPath] = []
-    for orientation_of in (_follow_orientation, _interpolate_to_reachable, lambda *_: None):
+    for orientation_of in (_follow_orientation, _interpolate_to_reachable, _follow_position_only):
         try:
             spline = _fit_spline(chain, start, path, orientation_of(chain, start, path, desired))
         except CartesianPathError as error:
@@ -116,6 +116,12 @@ def _interpolate_to_reachable(
     return OrientationInterpolation.between(
         desired.plane, (start_rotation, start), (end_rotation, joints[-1])
     )
+
+
+def _follow_position_only(
+    chain: Chain, start: Vector, path: ToolPath, desired: OrientationInterpolation
+) -> None:
+    _ = chain, start, path, desired
 
 
 def _fit_spline(

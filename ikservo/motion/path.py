@@ -91,8 +91,12 @@ class BlendedPath:
     def __init__(self, points: Matrix, blends: Sequence[float], order: float = 2) -> None:
         if not all(0.0 < blend < np.inf for blend in blends):
             raise BadValueError("The blend", list(blends), "a positive distance")
-        points, blends = _drop_repeated_points(points, blends, order)
-        self._pieces = list(_make_segments(points, blends, order))
+        kept, kept_blends = [points[0]], list[float]()
+        for point, blend in zip(points[1:], [*blends, 0.0], strict=True):
+            if float(np.linalg.norm(point - kept[-1], order)) > _SAME_POINT_M:
+                kept.append(point)
+                kept_blends.append(blend)
+        self._pieces = list(_make_segments(np.array(kept), kept_blends[:-1], order))
         self._begins = [piece.begin for piece in self._pieces]
         self.length = self._pieces[-1].end if self._pieces else 0.0
         self._start = points[0]
@@ -145,19 +149,6 @@ class _BlendSegment:
         width, change = self.end - self.begin, np.abs(self.next_slope - self.slope)
         slope = np.maximum(np.abs(self.slope), np.abs(self.next_slope))
         return slope, 1.5 / width * change, 6.0 / width**2 * change
-
-
-def _drop_repeated_points(
-    points: Matrix, blends: Sequence[float], order: float
-) -> tuple[Matrix, list[float]]:
-    """Remove points that equal the previous point, and the blends at these points."""
-    kept, kept_blends = [points[0]], list[float]()
-    radii = [0.0, *blends, 0.0]
-    for point, blend in zip(points[1:], radii[1:], strict=True):
-        if float(np.linalg.norm(point - kept[-1], order)) > _SAME_POINT_M:
-            kept.append(point)
-            kept_blends.append(blend)
-    return np.array(kept), kept_blends[:-1]
 
 
 def _make_segments(points: Matrix, blends: Sequence[float], order: float) -> list[_BlendSegment]:

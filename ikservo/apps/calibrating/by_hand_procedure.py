@@ -149,7 +149,7 @@ def _format_expected_range(subject: JointUnderCalibration) -> str:
 MARGIN_RAD = math.radians(2.0)
 
 _RETURNED_FRACTION = 1 / 3  # of the motion that shows a direction; a closer joint has returned
-_MOVED_INSTEAD = 2.0  # of the same motion, by another joint
+_MOVED_INSTEAD = 1.5  # of the same motion, by another joint
 
 
 class CalibrationStage(StrEnum):
@@ -231,7 +231,9 @@ class CalibrationState:
         moved = {s.name: abs(self._moved_ticks(s)) / s.min_motion_ticks for s in self.subjects}
         if current is None or moved[current.name] > _RETURNED_FRACTION:
             return None
-        other = max(self.subjects, key=lambda each: moved[each.name])
+        # A joint that has shown its direction may go on to its ends.
+        later = [s for s in self.subjects if s.name not in self.signs]
+        other = max(later, key=lambda each: moved[each.name])
         return other if moved[other.name] > _MOVED_INSTEAD else None
 
     @property

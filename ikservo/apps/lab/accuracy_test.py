@@ -217,7 +217,7 @@ class AccuracyTest:
 
     def __init__(self, arm: OpenArm, settings: TestSettings, on_step: OnStep | None = None) -> None:
         self._arm, self._settings = arm, settings
-        self.on_step: OnStep = on_step or (lambda *_: None)
+        self.on_step: OnStep = on_step or (lambda what, done, total: None)
         self.cube: IsoCube = place_cube(arm)
         self.top_speed_m_s = 0.0
         self.poses: list[PoseResult] = []

@@ -14,7 +14,7 @@ from ikservo.arm import MotionPlan
 from ikservo.arm.result_json import decode_fields, encode_fields
 from ikservo.errors import RefusedError
 from ikservo.ik import Result
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import TrajectoryPoint
 from ikservo.planning.motions import MotionValue
 from ikservo.serving.replies import other_version_error
@@ -121,21 +121,15 @@ class RemoteTrajectory:
         step_s = self._samples.step_s
         index = min(max(int(time_s / step_s), 0), len(positions) - 2)
         width_s = min(step_s, self._duration_s - index * step_s)
-        ends = (positions[index], positions[index + 1], velocities[index], velocities[index + 1])
-        return _hermite(*ends, max(0.0, time_s - index * step_s) / width_s, width_s)
-
-
-def _hermite(
-    p0: Vector, p1: Vector, v0: Vector, v1: Vector, u: float, width_s: float
-) -> TrajectoryPoint:
-    """Evaluate the cubic with given ends and velocities (n,) at a fraction ``u`` of its width."""
-    a, b = v0 * width_s, v1 * width_s
-    c2, c3 = 3.0 * (p1 - p0) - 2.0 * a - b, 2.0 * (p0 - p1) + a + b
-    return TrajectoryPoint(
-        p0 + u * (a + u * (c2 + u * c3)),
-        (a + u * (2.0 * c2 + u * 3.0 * c3)) / width_s,
-        (2.0 * c2 + 6.0 * u * c3) / width_s**2,
-    )
+        p0, p1 = positions[index : index + 2]
+        a, b = width_s * velocities[index], width_s * velocities[index + 1]
+        u = max(0.0, time_s - index * step_s) / width_s
+        c2, c3 = 3.0 * (p1 - p0) - 2.0 * a - b, 2.0 * (p0 - p1) + a + b
+        return TrajectoryPoint(
+            p0 + u * (a + u * (c2 + u * c3)),
+            (a + u * (2.0 * c2 + u * 3.0 * c3)) / width_s,
+            (2.0 * c2 + 6.0 * u * c3) / width_s**2,
+        )
 
 
 def plan_from_fields(

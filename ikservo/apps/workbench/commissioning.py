@@ -92,6 +92,7 @@ def configure_servos(
         on_configured(configured)
         if number < len(todo):
             yield Notice("Unplug this servo.")
+            yield Progress("waiting until it is unplugged")
             now = replace(configured.found, id=settings.servo.id, baud_rate=settings.baud_rate)
             wait_until_unplugged(line, now, wait_s)
 

@@ -92,6 +92,7 @@ def test_calibration_without_terminal_prints_one_line_per_step(mount_arm, run_cl
         "Step 3 of 5: Move joint2 so that the tool moves to the left (seen from behind the base)"
         "; hold the others. Both ends come later.",
         "Step 4 of 5: Move every joint gently to both end stops.",
+        "Step 4 of 5: Every joint has reached both ends; continue.",
         "Step 5 of 5: Review and save.",
     ]
 

@@ -147,7 +147,7 @@ def test_joint_sign_is_recorded_only_for_requested_joint():
 
 
 @pytest.mark.parametrize(
-    ("requested", "other", "named"), [(0, 300, False), (0, -400, True), (100, 400, False)]
+    ("requested", "other", "named"), [(0, 200, False), (0, -300, True), (100, 400, False)]
 )
 def test_joint_that_moves_instead_of_requested_one_is_named(requested, other, named):
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
@@ -156,6 +156,13 @@ def test_joint_that_moves_instead_of_requested_one_is_named(requested, other, na
     hand.move(800 - requested, 1).move(800, 2)
     assert hand.state.moved_instead is None
     assert hand.state.signs == {"a": 1, "b": 1}
+
+
+def test_joint_that_goes_on_to_its_ends_is_not_named_instead():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
+    hand.move(800, 1).move(-1200, 1)
+    assert hand.state.current_joint.name == "b"
+    assert hand.state.moved_instead is None
 
 
 def test_swept_range_is_tracked_across_encoder_wrap_around():

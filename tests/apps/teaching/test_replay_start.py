@@ -24,7 +24,7 @@ def test_replay_begins_with_way_around_obstacle(arm_between_posts, tmp_path):
     assert np.linalg.norm(result.measured_tip_m - RIGHT) < 0.003
 
 
-def test_replay_of_obstructed_recording_is_refused_before_it_moves(arm_between_posts, tmp_path):
+def test_replay_of_obstructed_recording_moves_nothing(arm_between_posts, tmp_path):
     arm, path = arm_between_posts(tmp_path)
     before = measured_joints(arm)
     arm.scene.add("box", "the wall", centre_m=RIGHT, size_m=(0.03, 0.03, 0.03))

@@ -29,7 +29,7 @@ export class CalibrationScreens {
     const parts = [
       createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
       createElement("p", { class: "task", role: "status" }, calibration.task),
-      calibration.stage === "anchor" ? createElement("p", { class: "quiet" }, "The pale arm has this pose. The dark arm shows what the servos report.") : null,
+      calibration.stage === "anchor" ? createElement("p", { class: "quiet" }, "Bring your real arm into the pose of the pale one. The dark one shows what the servos report; it need not match yet.") : null,
       ...calibration.lines.map((line) => createElement("p", {}, line)),
       createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration))),
       calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,
@@ -38,6 +38,7 @@ export class CalibrationScreens {
     $("calibration").replaceChildren(...parts.filter(Boolean));
     if (focused) $("calibration").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
     if (calibration.stage !== this.stage) $("calibration").scrollTop = 0; // the next task is at the top
+    if (!this.stage) $("calibration").scrollIntoView({ block: "nearest" });
     this.stage = calibration.stage;
   }
 
