@@ -9,7 +9,7 @@
     FIRST_MOTION, HOLDING --lowering_started--> LOWERING --released--> OFF
                                                 LOWERING --lowering_ended--> UNKNOWN
 
-A latched stop is not a torque state; it belongs to the gate (``guard.gate.StopLatch``).
+A latched stop is not a torque state; it belongs to the gate (``guard.stop_latch.StopLatch``).
 """
 
 from __future__ import annotations

@@ -117,7 +117,12 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
     The True cells are on the left: islands run counterclockwise, holes clockwise. The first corner
     is not repeated, and no corner is on a straight line between its neighbours.
     """
-    edges = _border_edges(mask)
+    padded = np.pad(mask, 1)
+    edges: dict[Corner, list[Corner]] = {}  # from each corner, the ends of outgoing border edges
+    for (du, dv), start, end in _SIDES:
+        open_side = mask & ~np.roll(padded, (-du, -dv), (0, 1))[1:-1, 1:-1]
+        for u, v in np.argwhere(open_side).tolist():
+            edges.setdefault((u + start[0], v + start[1]), []).append((u + end[0], v + end[1]))
     loops: list[Matrix] = []
     while edges:
         corners = np.array(_take_loop(edges), dtype=np.float64)
@@ -125,17 +130,6 @@ def boundary_polygons(mask: NDArray[np.bool_]) -> tuple[Matrix, ...]:
         behind = corners - np.roll(corners, 1, axis=0)
         loops.append(corners[(ahead != behind).any(axis=1)])
     return tuple(loops)
-
-
-def _border_edges(mask: NDArray[np.bool_]) -> dict[Corner, list[Corner]]:
-    """Map each corner to the corners at which its outgoing border edges end."""
-    padded = np.pad(mask, 1)
-    edges: dict[Corner, list[Corner]] = {}
-    for (du, dv), start, end in _SIDES:
-        open_side = mask & ~np.roll(padded, (-du, -dv), (0, 1))[1:-1, 1:-1]
-        for u, v in np.argwhere(open_side).tolist():
-            edges.setdefault((u + start[0], v + start[1]), []).append((u + end[0], v + end[1]))
-    return edges
 
 
 def _take_loop(edges: dict[Corner, list[Corner]]) -> list[Corner]:

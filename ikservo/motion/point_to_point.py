@@ -159,6 +159,8 @@ class JointMove(RuckigMotion):
         try:
             trajectory = _calculate_trajectory(parameters, n)
         except RefusedError:
+            if not begin.velocity.any():
+                raise
             # ruckig fails to synchronise some joints that have almost arrived.
             parameters.synchronization = Synchronization.No
             trajectory = _calculate_trajectory(parameters, n)

@@ -383,12 +383,3 @@ def warning_of(code, folder, **environment):
         [sys.executable, "-c", code], cwd=folder, env=os.environ | environment,
         capture_output=True, text=True, check=True,
     )  # fmt: skip
-
-
-def test_kernel_caches_of_old_versions_are_removed(tmp_path):
-    if sys.platform != "linux":
-        pytest.skip("the cache directory is elsewhere")
-    for name in ("kernels-0123456789ab", "other"):
-        (tmp_path / "ikservo" / name / "part").mkdir(parents=True)
-    warning_of("import ikservo.kernels.search", Path.cwd(), XDG_CACHE_HOME=str(tmp_path))
-    assert [folder.name for folder in (tmp_path / "ikservo").iterdir()] == ["other"]

@@ -281,11 +281,11 @@ def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str
         names = [subject.name for subject in state.subjects]
         number = names.index(state.current_joint.name) + 2
         return number, _direction_request(model, pose, state, state.current_joint)
-    if all(range_complete(state, subject) for subject in state.subjects):
-        return len(state.subjects) + 2, "Every joint has reached both ends; continue."
     every = len(state.subjects) == len(model.joints)
     moved = "every joint" if every else ", ".join(subject.name for subject in state.subjects)
-    return len(state.subjects) + 2, f"Move {moved} gently to both end stops."
+    done = all(range_complete(state, subject) for subject in state.subjects)
+    go_on = " Continue once all have touched them." if done else ""
+    return len(state.subjects) + 2, f"Move {moved} gently to both end stops.{go_on}"
 
 
 def _direction_request(
@@ -295,11 +295,11 @@ def _direction_request(
     if other := state.moved_instead:
         return (
             f"Move {subject.name} {direction}. Its servo has not moved, but that of {other.name} "
-            f"has. If you moved {subject.name}, their ids are interchanged: "
-            "close the arm, and set up both servos again."
+            f"has. If {other.name} only sank, go on. If you moved {subject.name}, their ids are "
+            "interchanged: end this calibration, and set up both servos again."
         )
     if not state.is_second_trial:
-        return f"Move {subject.name} {direction}; hold the others. Both ends come later."
+        return f"Move {subject.name} {direction}; hold the others. Its ends are measured later."
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (

@@ -228,11 +228,14 @@ class CalibrationState:
     def moved_instead(self) -> JointUnderCalibration | None:
         """The joint that moved far since the current joint should move, which has not moved."""
         current = self.current_joint
-        moved = {s.name: abs(self._moved_ticks(s)) / s.min_motion_ticks for s in self.subjects}
-        if current is None or moved[current.name] > _RETURNED_FRACTION:
+        if current is None or self.is_second_trial:
             return None
         # A joint that has shown its direction may go on to its ends.
-        later = [s for s in self.subjects if s.name not in self.signs]
+        known = self.signs.keys() | self.skipped | self.known_signs
+        later = [s for s in self.subjects if s.name not in known]
+        moved = {s.name: abs(self._moved_ticks(s)) / max(s.min_motion_ticks, 1.0) for s in later}
+        if moved[current.name] > _RETURNED_FRACTION:
+            return None
         other = max(later, key=lambda each: moved[each.name])
         return other if moved[other.name] > _MOVED_INSTEAD else None
 

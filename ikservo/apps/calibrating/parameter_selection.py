@@ -115,7 +115,11 @@ def _held_out_error_m(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
 ) -> float:
     """Compute the root mean square error on held-out touches."""
-    folds = _assign_folds(touches)
+    unknown, names = unknown_points(touches), list(dict.fromkeys(t.point for t in touches))
+    folds = np.array([  # all touches of a measured point share a fold
+        (i if touch.point in unknown else names.index(touch.point)) % _FOLDS
+        for i, touch in enumerate(touches)
+    ])  # fmt: skip
     squares: list[float] = []
     for fold in range(_FOLDS):
         rest = kept & (folds != fold)
@@ -124,15 +128,3 @@ def _held_out_error_m(
             errors = fit_parameters(chain, touches, extent, rest).errors_m(tested)
             squares += (errors**2).tolist()
     return math.sqrt(sum(squares) / len(squares))
-
-
-def _assign_folds(touches: Sequence[TouchPoint]) -> Vector:
-    """Return the fold (n,) of each touch, 0 to 4; all touches of a measured point share a fold."""
-    unknown = unknown_points(touches)
-    names = list(dict.fromkeys(touch.point for touch in touches))
-    return np.array(
-        [
-            (i if touch.point in unknown else names.index(touch.point)) % _FOLDS
-            for i, touch in enumerate(touches)
-        ]
-    )

@@ -27,7 +27,8 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MoveJoints, Speed
-from ikservo.planning.preflight_planner import PreflightPlanner
+from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 from ikservo.planning.reports import OnProgress, ReplayResult
 from ikservo.settling.settling import settle_at
 
@@ -181,11 +182,11 @@ def position_at_rest(arm: ArmParts) -> Vector:
 
 
 def _load(
-    context: ArmContext, motion: Replay, start: Vector, preflight: PreflightPlanner | None = None
+    context: ArmContext, motion: Replay, start: Vector, preflight: PreflightPlanner
 ) -> tuple[Recording, RecordedTrajectory]:
     """Load a recording, and check the path to it and along it.
 
-    If only the straight motion to the first pose is blocked, ``preflight`` must find a way around.
+    If only the straight motion to the first pose is blocked, ``preflight`` must plan another one.
     """
     context.require_zeros()
     path = Path(motion.path)
@@ -198,9 +199,12 @@ def _load(
     try:
         _check_recorded_path(context, start, path)
     except CollisionError as error:
-        if _explain_contact(context, error, path) != "beginning" or preflight is None:
+        if _explain_contact(context, error, path) != "beginning":
             raise
-        preflight.plan(_first_motion(context, trajectory, motion.speed))
+        try:
+            preflight.plan(_first_motion(context, trajectory, motion.speed))
+        except RefusedError:
+            raise error from None
     return recording, trajectory
 
 
@@ -283,7 +287,9 @@ class Replay(OwnMotion[ReplayResult]):
         try:
             runner.run(approach, reporter, approach_speed)
         except CollisionError:  # nothing has moved
-            plan_and_execute(arm, _first_motion(context, trajectory, speed), None)
+            path = trajectory.sample_path()
+            _check_recorded_path(context, path[0], path)
+            plan_and_execute(arm, _first_motion(context, trajectory, speed), on_progress)
             runner.run(approach, reporter, approach_speed)
         runner.run(lambda _: trajectory, reporter, speed)
         goal = trajectory.state(trajectory.duration_s).position
@@ -304,7 +310,9 @@ class Replay(OwnMotion[ReplayResult]):
         Raises:
             IkservoError: The errors of `run`.
         """
-        _, trajectory = _load(context, self, start)
+        poses = PoseLibrary(context.model, context.serial_number)
+        preflight = PreflightPlanner(context, PlannedStart(start), poses)
+        _, trajectory = _load(context, self, start, preflight)
         return trajectory.state(trajectory.duration_s).position
 
 

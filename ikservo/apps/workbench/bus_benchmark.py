@@ -119,7 +119,13 @@ class _Benchmark:
     ) -> BusTiming:
         for _ in range(_WARM_UP):
             self._run_cycle(names)
-        sent, received, wire_s = self._count_wire_traffic(names)
+        sent, received = self._meter.sent, self._meter.received
+        self._meter.capture, self._meter.captured = True, bytearray()
+        self._run_cycle(names)
+        self._meter.capture = False
+        sent, received = self._meter.sent - sent, self._meter.received - received
+        wire_s = self._bus.port.wire_s(sent + received)
+        wire_s += self._delays_s(bytes(self._meter.captured))
         self.lost = 0
         took: list[tuple[float, float]] = []
         for count in range(1, cycles + 1):
@@ -138,16 +144,6 @@ class _Benchmark:
         readings = self._bus.sync_read_many(self._ids, names, raw=True)
         self.lost += len(readings.errors)
         self._bus.sync_write(RegisterName.PROFILE_VELOCITY, self._speeds, raw=True)
-
-    def _count_wire_traffic(self, names: Sequence[RegisterName]) -> tuple[int, int, float]:
-        """Run a cycle; return the bytes sent and received, and their time on the wire."""
-        sent, received = self._meter.sent, self._meter.received
-        self._meter.capture, self._meter.captured = True, bytearray()
-        self._run_cycle(names)
-        self._meter.capture = False
-        sent, received = self._meter.sent - sent, self._meter.received - received
-        wire_s = self._bus.port.wire_s(sent + received)
-        return sent, received, wire_s + self._delays_s(bytes(self._meter.captured))
 
     def _delays_s(self, received: bytes) -> float:
         """Compute the sum of the return delays of one cycle, one per received packet."""

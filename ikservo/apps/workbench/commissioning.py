@@ -92,9 +92,9 @@ def configure_servos(
         on_configured(configured)
         if number < len(todo):
             yield Notice("Unplug this servo.")
-            yield Progress("waiting until it is unplugged")
             now = replace(configured.found, id=settings.servo.id, baud_rate=settings.baud_rate)
-            wait_until_unplugged(line, now, wait_s)
+            for _ in wait_until_unplugged(line, now, wait_s):
+                yield Progress("waiting until it is unplugged")
 
 
 def configure_servo(
@@ -111,15 +111,16 @@ def configure_servo(
         IkservoError: The user declined; this servo was not changed.
     """
     servo = settings.servo
-    ids = [each.servo.id for each in planned_settings(model)]
+    owners = {each.servo.id: each.servo.name for each in planned_settings(model)}
     yield Notice("")
     model_name = servo.table.model_name
-    place = f"{ids.index(servo.id) + 1} of {len(ids)}"
+    place = f"{list(owners).index(servo.id) + 1} of {len(owners)}"
     yield Notice(f"{place}: plug in only the {model_name} of {servo} …")
     yield Notice("Searching at every baud rate. If you stop, finished servos keep their settings.")
     found = yield from _find_servo(line, settings, wait_s)
     check_model(found, settings)
-    used = "" if found.id in (1, servo.id) else " It was used before: new servos have id 1."
+    used = f" It was used before, for {owners.get(found.id, 'another joint')}; new ones have id 1."
+    used = "" if found.id in (1, servo.id) else used
     yield Notice(f"Found {found}, firmware {found.firmware}.{used}")
     if (found.id, found.baud_rate) != (servo.id, settings.baud_rate):
         question = f"Set it to id {servo.id} at {settings.baud_rate} baud for {servo.name}?"

@@ -260,7 +260,7 @@ def wait_for_servo(
             for place_rate, framing in (place, *(_new_servo_places(table) if places[9:] else ())):
                 seen = scan_rate(port, place_rate, [framing])  # some places are searched twice
                 found += [each for each in seen if _places_of([each])[0] not in _places_of(found)]
-            if found and not before:
+            if not before and any(servo.baud_rate in _FACTORY_RATES for servo in found):
                 break
         if _places_of(found) != _places_of(before):
             yield found
@@ -273,8 +273,8 @@ def wait_for_servo(
     raise AssertionError  # count() never ends
 
 
-def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
-    """Wait until a servo no longer replies; others may reply.
+def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> Generator[None]:
+    """Wait until a servo no longer replies; others may reply. Yields after each attempt.
 
     Raises:
         ServoSilentError: The servo was not unplugged in time.
@@ -288,6 +288,7 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
         if port.clock.now_s() > give_up_s:
             still = f"still has a servo with id {found.id} after {wait_s:.0f} s"
             raise ServoSilentError(still, "Unplug the finished servo.", port=port.name)
+        yield
         _pause_scan(port)
 
 

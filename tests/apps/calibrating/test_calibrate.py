@@ -88,11 +88,12 @@ def test_calibration_without_terminal_prints_one_line_per_step(mount_arm, run_cl
         'Step 1 of 5: Put the arm in the pose "home". Hold it still …',
         'Step 1 of 5: Put the arm in the pose "home". The arm is still; continue.',
         "Step 2 of 5: Move joint1 so that the tool moves to the right (seen from behind the base)"
-        "; hold the others. Both ends come later.",
+        "; hold the others. Its ends are measured later.",
         "Step 3 of 5: Move joint2 so that the tool moves to the left (seen from behind the base)"
-        "; hold the others. Both ends come later.",
+        "; hold the others. Its ends are measured later.",
         "Step 4 of 5: Move every joint gently to both end stops.",
-        "Step 4 of 5: Every joint has reached both ends; continue.",
+        "Step 4 of 5: Move every joint gently to both end stops."
+        " Continue once all have touched them.",
         "Step 5 of 5: Review and save.",
     ]
 

@@ -6,8 +6,9 @@ import pytest
 import ikservo
 from ikservo.apps.teaching.recorder import recording_header
 from ikservo.apps.teaching.recording import RecordingWriter
-from ikservo.apps.teaching.replaying import load_replay
-from ikservo.errors import CollisionError
+from ikservo.apps.teaching.replaying import Replay, load_replay
+from ikservo.errors import CollisionError, StoppedError
+from tests.arm.simulated import context_of
 from tests.arm.test_ways_around import LEFT, RIGHT
 
 
@@ -19,9 +20,28 @@ def test_replay_begins_with_way_around_obstacle(arm_between_posts, tmp_path):
     arm, path = arm_between_posts(tmp_path)
     assert load_replay(arm, path)[1].duration_s > 0.0
     arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
-    result = arm.replay(path)
+    assert load_replay(arm, path)[1].duration_s > 0.0
+    tips_m = []
+    result = arm.replay(path, on_progress=lambda progress: tips_m.append(progress.tip_m))
+    assert np.linalg.norm(tips_m[0] - LEFT) < 0.01  # reported from the first motion on
     assert result.error_rad < 0.02
     assert np.linalg.norm(result.measured_tip_m - RIGHT) < 0.003
+
+
+def test_stop_on_way_around_ends_replay(arm_between_posts, tmp_path):
+    arm, path = arm_between_posts(tmp_path)
+    arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
+    with pytest.raises(StoppedError):
+        arm.replay(path, on_progress=lambda progress: arm.stop())
+    assert np.linalg.norm(arm.where().tip_m - RIGHT) > 0.05
+
+
+def test_program_may_begin_replay_with_way_around_obstacle(arm_between_posts, tmp_path):
+    arm, path = arm_between_posts(tmp_path)
+    arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
+    context = context_of(arm)
+    end = Replay(path).end(context, measured_joints(arm))
+    assert np.linalg.norm(context.planner.tip(end) - RIGHT) < 0.003
 
 
 def test_replay_of_obstructed_recording_moves_nothing(arm_between_posts, tmp_path):

@@ -211,4 +211,5 @@ def _end(process: BaseProcess, grace_s: float) -> None:
     process.join(grace_s)
     if process.is_alive():
         process.terminate()
-        process.join()
+        process.join(_LET_GO_S)
+        process.kill()

@@ -136,6 +136,7 @@ def calibration_fields(view: CalibrationView) -> dict[str, object]:
         "stage": item.stage,
         "number": view.number,
         "task": item.text,
+        "shows_pose": isinstance(item, HandRequest) and item.stage == "anchor",
         "lines": view.lines,
         "meters": [_readout_fields(each, current=each.name == request.current) for each in readings]
         if request and item.stage != CalibrationStage.SAVED

@@ -26,8 +26,8 @@ export class Arms {
       camera_url: ({ url }) => this.camera.setAddress(url),
       refused: ({ message, hint }) => this.note(`${message} ${hint}`),
       closed: (why, reason) => {
-        this.note(why === "full" ? reason : "No connection to `ikservo view`. Start it again, then open the address that it prints.");
-        this.dialogue.show(null);
+        this.note(why === "full" ? reason : "No connection to `ikservo view`. If it has ended, start it again and open the address that it prints.");
+        $("dialogue").inert = true;
         this.camera.drop();
       },
     }, "arms");
@@ -90,7 +90,8 @@ export class Arms {
     this.dialogue.show(message.dialogue);
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list may be shown before the connection
-    for (const [select, chosen] of [["arms-model", this.list[0]?.name], ["arms-port", this.list[0]?.port]]) $(select).dataset.chosen ??= chosen ?? "";
+    if (this.list.length) $("arms-model").dataset.chosen ??= this.list[0].name;
+    $("dialogue").inert = false;
     const { cameras } = message;
     setText($("arms-none"), cameras.length ? `None yet. The picture of ${cameras.join(" and ")} is shown with an arm: open one.` : "None yet.");
     this.update();
@@ -178,10 +179,10 @@ function createArmRow() {
   return { element, title, text, show, follow, stop, close };
 }
 
-// Keep what the user chose if it is still offered; else the first entry, such as a new adapter.
+// Keep the choice if it is still offered. A new adapter replaces the simulator unless the user chose that.
 function fillSelect(select, entries) {
   select.onchange ??= () => { select.dataset.chosen = select.value; };
-  const { chosen } = select.dataset;
+  const chosen = select.dataset.chosen ?? (select.value === "sim" ? null : select.value);
   select.replaceChildren(...entries.map(([value, text]) => createElement("option", { value }, text)));
   if (entries.some(([value]) => value === chosen)) select.value = chosen;
 }

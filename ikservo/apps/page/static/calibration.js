@@ -21,6 +21,7 @@ export class CalibrationScreens {
     if (fingerprint === this.shown) return;
     this.shown = fingerprint;
     if (calibration) this.render(calibration);
+    else this.stage = null;
   }
 
   render(calibration) {
@@ -29,7 +30,7 @@ export class CalibrationScreens {
     const parts = [
       createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
       createElement("p", { class: "task", role: "status" }, calibration.task),
-      calibration.stage === "anchor" ? createElement("p", { class: "quiet" }, "Bring your real arm into the pose of the pale one. The dark one shows what the servos report; it need not match yet.") : null,
+      calibration.shows_pose ? createElement("p", { class: "quiet" }, "Bring your real arm into the pose of the pale one. The dark one shows what the servos report; it need not match yet.") : null,
       ...calibration.lines.map((line) => createElement("p", {}, line)),
       createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration))),
       calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,

@@ -28,8 +28,8 @@ export class ServerDialogue {
     for (const button of START_BUTTONS) $(button).disabled = Boolean(dialogue) && !isOver(dialogue);
     $("dialogue").replaceChildren(...(dialogue ? this.createParts(dialogue) : []));
     $("dialogue").querySelector("ul")?.scrollTo(0, 1e6); // scroll to the latest line
-    $("dialogue").scrollIntoView({ block: "nearest" });
     if (dialogue?.question) $("dialogue").querySelector("form :is(input, select, button)").focus();
+    if (dialogue && (dialogue.question || isOver(dialogue))) $("dialogue").lastElementChild.scrollIntoView({ block: "nearest" });
   }
 
   createParts(dialogue) {

@@ -200,7 +200,7 @@ function enlargePose({ camera }, at) {
 
 const OFFLINE = {
   "wrong-key": { message: "The page's key is not valid in this session.", hint: "Open the address that `ikservo view` printed." },
-  none: { message: "No arm is open.", hint: "Choose one in the list of arms." },
+  none: { message: "This arm is not open.", hint: "Choose one in the list of arms." },
   closed: { message: "This arm was closed; its torque has not changed.", hint: "Choose one in the list of arms." },
   full: { hint: "Close one of them; this page then connects by itself." },
   lost: { message: "No connection to `ikservo view`: Stop cannot reach the arm from here.", hint: "" },
