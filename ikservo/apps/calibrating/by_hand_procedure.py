@@ -226,7 +226,7 @@ class CalibrationState:
 
     @property
     def moved_instead(self) -> JointUnderCalibration | None:
-        """The joint that moved far since the current joint should move, which has not moved."""
+        """The joint that moved far while the current joint, which should move, stayed still."""
         current = self.current_joint
         if current is None or self.is_second_trial:
             return None

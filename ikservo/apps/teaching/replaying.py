@@ -184,7 +184,7 @@ def position_at_rest(arm: ArmParts) -> Vector:
 def _load(
     context: ArmContext, motion: Replay, start: Vector, preflight: PreflightPlanner
 ) -> tuple[Recording, RecordedTrajectory]:
-    """Load a recording, and check the path to it and along it.
+    """Load a recording, and check the path to its start and along it.
 
     If only the straight motion to the first pose is blocked, ``preflight`` must plan another one.
     """

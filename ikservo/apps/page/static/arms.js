@@ -179,7 +179,7 @@ function createArmRow() {
   return { element, title, text, show, follow, stop, close };
 }
 
-// Keep the choice if it is still offered. A new adapter replaces the simulator unless the user chose that.
+// Keep the choice if it is still offered. A new adapter replaces the simulator unless a user chose it.
 function fillSelect(select, entries) {
   select.onchange ??= () => { select.dataset.chosen = select.value; };
   const chosen = select.dataset.chosen ?? (select.value === "sim" ? null : select.value);
