@@ -110,11 +110,15 @@ def test_click_in_stale_camera_picture_is_ignored(operator, monkeypatch):
 def test_click_after_mark_tip_button_does_not_set_target(operator):
     button = operator.page.locator("#mark-tip")
     assert button.inner_text() == "Click the tip (1 so far)"
-    button.click()
-    assert button.get_attribute("aria-checked") == "true"
-    operator.click(lens_of(operator).project(operator.served.tip_m())[0])
+    for _ in range(20):
+        button.click()
+        assert button.get_attribute("aria-checked") == "true"
+        operator.click(lens_of(operator).project(operator.served.tip_m())[0])
+        operator.page.wait_for_selector("#mark-tip[aria-checked=false]")
+        operator.page.wait_for_timeout(300)
+        if "are exact" in operator.page.inner_text("#log"):
+            break  # the arm has rested for half a second while its picture was shown
     operator.page.wait_for_selector("text=The zeros of a simulated arm are exact")
-    operator.page.wait_for_selector("#mark-tip[aria-checked=false]")
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
     operator.page.click("#views [value=top]")
     button.wait_for(state="hidden")
