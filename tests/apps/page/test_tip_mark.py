@@ -103,10 +103,10 @@ def test_unusable_tip_click_changes_nothing(session):
     refused("The camera picture is too old")
     session.video.is_fresh = True
     session.clock.sleep_until(session.clock.now_s() + 2.0)
-    refused("The arm has moved")  # it was not read since
+    refused("The arm was not seen at rest yet")  # it was not read since
     session.mounted.world.place("joint1", session.mounted.true_position("joint1") + 0.02)
     session.arm_thread.step()
-    refused("The arm has moved")
+    refused("The arm was not seen at rest yet")
     session.show("side")
     refused("in a camera's picture")
     assert session.arm_thread.job is None

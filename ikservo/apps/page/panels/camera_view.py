@@ -158,7 +158,7 @@ class CameraView:
         self.require_usable()
         is_old = self._clock.now_s() - snapshot.read_s > _REST_S
         if is_old or not self._rests(snapshot.measured):
-            raise BadMessageError("The arm has moved.", "Click again when it is at rest.")
+            raise BadMessageError("The arm was not seen at rest yet.", "Click again in a moment.")
         written, pixel = datetime.now(UTC).replace(microsecond=0), camera.picture_px(px)
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
