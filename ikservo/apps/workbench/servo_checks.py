@@ -212,8 +212,8 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
             yield warning(
                 "firmware",
                 f"{name} servos differ: {text}; stored settings: {apart or 'the same'}",
-                "You may go on. If one of them moves differently, update all to "
-                f"{ordered[-1]} or newer with the vendor's tool (FD, Dynamixel Wizard).",
+                "You may go on, but LeRobot may refuse this. If one moves differently, update all "
+                f"to {ordered[-1]} or newer with the vendor's tool (FD, Dynamixel Wizard).",
             )
     if all(len(groups) == 1 for groups in versions.values()):
         texts = [f"{name} {next(iter(groups))}" for name, groups in versions.items()]
