@@ -201,12 +201,9 @@ class NewServos:
 
 
 def fill_box(servos: Sequence[Servo]) -> None:
-    """Put new servos into a box: unplugged, with factory settings but for three odd ones.
+    """Put new servos into a box: unplugged, with factory settings except for three odd ones.
 
     The first servo has another id, the third one another rate, the last one an older firmware.
-
-    Raises:
-        SimulatorError: These servos cannot have such settings.
     """
     _deliver(servos)
     rate = servos[2 % len(servos)]

@@ -141,12 +141,12 @@ def _set_up(line: Connection, task: SetUpServos) -> EntryDialogue[DialogueEnd]:
     model = load_model(task.arm)
     names = tuple(dict.fromkeys(each.servo.name for each in planned_settings(model)))
     port = task.port
-    if not is_simulated(port):
-        yield Notice("Unplug all servos from the adapter, and switch on the power supply.")
-    start = yield Entry("Begin with the servo of", "--start", names[0], names)
     if is_simulated(port):
         port = with_simulator_option(with_simulator_option(port, "paced=1"), "hand=setup")
         yield Notice("A simulated hand plugs in and unplugs the simulated servos.")
+    else:
+        yield Notice("Unplug all servos from the adapter, and switch on the power supply.")
+    start = yield Entry("Begin with the servo of", "--start", names[0], names)
     todo = remaining_settings(model, start)
     with open_line(model, port) as opened:
         yield from configure_servos(

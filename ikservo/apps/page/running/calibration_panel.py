@@ -136,7 +136,8 @@ def calibration_fields(view: CalibrationView) -> dict[str, object]:
         "stage": item.stage,
         "number": view.number,
         "task": item.text,
-        "shows_pose": isinstance(item, HandRequest) and item.stage == "anchor",
+        "shows_pose": isinstance(item, HandRequest)
+        and item.stage == CalibrationStage.REFERENCE_POSE,
         "lines": view.lines,
         "meters": [_readout_fields(each, current=each.name == request.current) for each in readings]
         if request and item.stage != CalibrationStage.SAVED
