@@ -155,7 +155,7 @@ def serve_view(
 class Operator:
     """Moves the pointer, presses keys and reads what the page says."""
 
-    def __init__(self, page, served, *, watch=False, options=""):
+    def __init__(self, page, served, *, watch=False, options="&draw=2d"):
         self.page, self.served = page, served
         self.errors = []
         self.before = served.ticks()

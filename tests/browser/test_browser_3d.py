@@ -18,6 +18,13 @@ SCENE = "window.ikservo.rendering.scene3d"
 DRAWN_IN_3D = (
     f"{SCENE} && scene.webgl && scene.measured && !document.getElementById('webgl').hidden"
 )
+A_CARD = """() => {
+  // 37446 is UNMASKED_RENDERER_WEBGL
+  const { getParameter } = WebGL2RenderingContext.prototype;
+  WebGL2RenderingContext.prototype.getParameter = function (name) {
+    return name === 37446 ? "A graphics card" : getParameter.call(this, name);
+  };
+}"""
 NO_WEBGL = """() => {
   const open = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
@@ -37,6 +44,7 @@ def orbiting(page, served):
 @pytest.fixture(scope="module")
 def page_in_3d(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
+    context.add_init_script(f"({A_CARD})()")
     yield orbiting(context.new_page(), shared.brought_home())
     context.close()
 
@@ -227,32 +235,72 @@ def test_lost_webgl_context_falls_back_to_canvas_until_restored(onlooker):
     onlooker.wait_for(DRAWN_IN_3D)
 
 
-def test_orbit_view_is_drawn_on_canvas_without_webgl(browser, shared):
-    context = browser.new_context(viewport={"width": 900, "height": 640})
+@pytest.fixture
+def page_without_webgl(browser, shared):
+    context = browser.new_context(viewport=SMALL)
     context.add_init_script(f"({NO_WEBGL})()")
-    operator = Operator(context.new_page(), shared)
-    expect(operator.page.locator("#views button[value=side]")).to_have_attribute(
-        "aria-checked", "true"
-    )
-    operator.page.click("#views button[value=orbit]")
-    operator.until("document.getElementById('render-note').textContent")
-    note = operator.page.inner_text("#render-note")
-    assert note == "This browser has no 3D graphics, so the view is 2D."
-    operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
-    expect(operator.page.locator("#backdrop")).to_be_visible()
-    operator.page.click("#render-3d")
-    operator.until("document.getElementById('render-note').textContent")
-    operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
+    yield Operator(context.new_page(), shared, options="")
     context.close()
 
 
-A_CARD = """() => {
-  // 37446 is UNMASKED_RENDERER_WEBGL
-  const { getParameter } = WebGL2RenderingContext.prototype;
-  WebGL2RenderingContext.prototype.getParameter = function (name) {
-    return name === 37446 ? "A graphics card" : getParameter.call(this, name);
-  };
+def test_page_starts_in_3d_drawn_by_cpu_without_webgl(page_without_webgl):
+    operator = page_without_webgl
+    assert chosen_view(operator.page) == "orbit"
+    operator.wait_for(DRAWN_IN_3D)
+    assert operator.page.inner_text("#render-note") == ""
+    middle = poses_of(operator.served, measured(operator))["upper_arm"]
+    beam = camera_of(operator.served).project((middle @ [-0.0514, 0.002, 0.0183, 1.0])[:3])[0]
+    x, y = np.rint(beam).astype(int)
+    r, g, b = picture(operator)[y, x]
+    assert r > g > b + 60  # the yellow of its URDF, in the light
+    operator.page.click("#render-3d")
+    operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
+    expect(operator.page.locator("#webgl")).to_be_hidden()
+    assert operator.errors == []
+
+
+SLOWER = """() => {
+  const { frameTime } = window.ikservo;
+  frameTime.slowMs = 120;
+  frameTime.set(frameTime.level + 1);
 }"""
+
+
+def test_drawing_by_cpu_becomes_coarse_and_then_flat_if_slow(page_without_webgl):
+    operator = page_without_webgl.wait_for(DRAWN_IN_3D)
+    page = operator.page
+    widths = [page.evaluate("document.getElementById('webgl').width")]
+    for slow in range(3):
+        page.evaluate(SLOWER)
+        operator.wait_for("!scene.webgl" if slow == 2 else DRAWN_IN_3D)
+        until(
+            lambda: (
+                page.evaluate("document.getElementById('webgl').width") != widths[-1]
+                or page.is_hidden("#webgl")
+            )
+        )
+        widths.append(page.evaluate("document.getElementById('webgl').width"))
+    assert widths[0] == 2 * widths[1] == 4 * widths[2]
+    assert page.inner_text("#render-note") == "A 3D frame takes 120 ms here, so the view is 2D."
+
+
+@pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
+def test_drawing_by_cpu_agrees_with_webgl_picture(webgl_browser, view):
+    """Compare arm, preview, path, table and shadow with those that WebGL draws."""
+    pictures = []
+    for script in (A_CARD, NO_WEBGL):
+        context = webgl_browser.new_context(viewport=SMALL)
+        context.add_init_script(f"({script})()")
+        operator = orbiting(context.new_page(), view)
+        operator.type("#tool-z", "200", "scene.goal")
+        operator.wait_for(DRAWN_IN_3D)
+        operator.page.wait_for_timeout(1000)
+        pictures.append(picture(operator))
+        operator.served.view.controller._interaction.reset()
+        context.close()
+    differences = np.abs(pictures[0] - pictures[1]).max(axis=2)
+    assert np.median(differences) <= 2
+    assert np.mean(differences > 60) < 0.004
 
 
 def chosen_view(page):
@@ -262,7 +310,7 @@ def chosen_view(page):
 def test_page_starts_in_3d_with_hardware_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
     context.add_init_script(f"({A_CARD})()")
-    operator = Operator(context.new_page(), shared)
+    operator = Operator(context.new_page(), shared, options="")
     operator.until("window.ikservo.rendering.frameMs")  # it was drawn in 3D, and timed
     operator.wait_for(
         "document.querySelector('#views [aria-checked=true]').value"
@@ -271,15 +319,12 @@ def test_page_starts_in_3d_with_hardware_webgl(webgl_browser, shared):
     context.close()
 
 
-def test_page_starts_in_2d_with_software_webgl(webgl_browser, shared):
+def test_page_starts_in_3d_drawn_by_cpu_with_software_webgl(webgl_browser, shared):
     context = webgl_browser.new_context(viewport=SMALL)
-    operator = Operator(context.new_page(), shared)
-    assert chosen_view(operator.page) == "side"
-    operator.page.click("#views button[value=orbit]")
-    operator.until("document.getElementById('render-note').textContent")
-    note = operator.page.inner_text("#render-note")
-    assert note == "No graphics card draws WebGL here, so the view is 2D."
-    assert operator.page.evaluate("window.ikservo.rendering.module") is None
+    operator = Operator(context.new_page(), shared, options="")
+    assert chosen_view(operator.page) == "orbit"
+    operator.wait_for(DRAWN_IN_3D)
+    assert operator.page.evaluate("window.ikservo.rendering.hasCard") is False
     context.close()
 
 

@@ -1,5 +1,5 @@
-// Chooses how the arm is drawn: in 3D by WebGL if there is a graphics card and frames are fast
-// enough, or else on the canvas. In Live 3D is not tried, because compiling shaders delays
+// Chooses how the arm is drawn: in 3D if frames are fast enough, by WebGL if there is a graphics card
+// or else on the CPU, and flat otherwise. In Live 3D is not tried, because compiling shaders delays
 // heartbeats.
 
 import { $, setAttribute, setText } from "./elements.js";
@@ -9,11 +9,11 @@ const WARM_UP_FRAMES = 2; // shaders are compiled in these frames
 const TIMED_FRAMES = 5;
 const CONTEXT_LOST = "The graphics driver failed";
 const NO_WEBGL = "This browser has no 3D graphics";
-const NO_CARD = "No graphics card draws WebGL here";
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // names of software renderers
 const AFTER_LIVE = "3D begins once Live is off";
 const HOPELESS_MS = 1000; // frames as slow as this need no more timing
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
+const COARSE_LEVEL = 3; // level of detail at which 3D on the CPU gives up
 
 export class Rendering {
   constructor(canvas, wanted, onChange) {
@@ -23,7 +23,8 @@ export class Rendering {
     this.view = this.module = this.renderer = this.graph = this.shapes = this.scene3d = null;
     this.things = []; // things around the arm
     this.shown = {}; // the scene of the last frame
-    this.reason = wanted === "3d" ? "" : findObstacle(); // why the canvas draws instead of 3D
+    this.hasCard = hasGraphicsCard();
+    this.reason = ""; // why the drawing is flat
     this.live = false; // whether the arm follows this page
     this.tried = false; // whether 3D was tried, and its frames timed
     this.frameMs = null; // median of the timed frames
@@ -104,7 +105,7 @@ export class Rendering {
   setShapes(shapes) {
     this.shapes = shapes;
     try {
-      this.renderer ??= this.module.createRenderer(this.canvas);
+      this.renderer ??= this.module.createRenderer(this.canvas, this.hasCard);
       this.scene3d = new this.module.Scene3D(this.renderer, this.graph, shapes);
       this.scene3d.markings.setThings(this.things);
     } catch {
@@ -135,7 +136,9 @@ export class Rendering {
     $("backdrop").hidden = on;
     if (!on) return;
     this.scene3d.setShadows(detail.shadows);
-    const resized = this.scene3d.fit(this.canvas.clientWidth, this.canvas.clientHeight, pixelRatio);
+    // A drawing of the CPU has more pixels than the page if there is time, for smooth edges.
+    const ratio = this.hasCard ? pixelRatio : detail.maxRatio;
+    const resized = this.scene3d.fit(this.canvas.clientWidth, this.canvas.clientHeight, ratio);
     if (!resized && isSame(scene, this.shown)) return;
     this.shown = scene;
     this.scene3d.update(scene);
@@ -143,8 +146,13 @@ export class Rendering {
     if (this.frameMs === null) this.timeFrames(this.scene3d);
   }
 
+  // Without a graphics card there are no shaders to compile, and slow frames lower the detail first.
   async timeFrames(scene3d) {
     this.frameMs = 0;
+    if (!this.hasCard) {
+      this.tried = true;
+      return;
+    }
     const times = [];
     scene3d.compile();
     for (let i = 0; i < WARM_UP_FRAMES + TIMED_FRAMES && this.scene3d === scene3d && !this.reason; i++) {
@@ -155,12 +163,13 @@ export class Rendering {
     this.tried = true;
     const timed = times.slice(WARM_UP_FRAMES).sort((a, b) => a - b);
     this.frameMs = timed[Math.floor(timed.length / 2)];
-    if (this.frameMs > BUDGET_MS) this.giveUpSlow(Math.round(this.frameMs));
+    if (this.frameMs > BUDGET_MS) this.giveUpSlow(Math.round(this.frameMs), 1);
   }
 
-  // Falls back to 2D unless the user has chosen 3D. Returns whether 2D draws from now on.
-  giveUpSlow(ms) {
-    if (this.wanted === "3d") return false;
+  // Falls back to 2D at a level of detail, see frame_time.js, unless the user has chosen 3D. Returns
+  // whether 2D draws from now on.
+  giveUpSlow(ms, level) {
+    if (this.wanted === "3d" || level < (this.hasCard ? 1 : COARSE_LEVEL)) return false;
     this.fallBack(`A 3D frame takes ${ms} ms here`);
     return true;
   }
@@ -175,12 +184,12 @@ export class Rendering {
   }
 }
 
-// Returns why 3D is not the default, from the renderer that WebGL names.
-function findObstacle() {
+// Returns whether WebGL names a renderer that is not software.
+function hasGraphicsCard() {
   const context = document.createElement("canvas").getContext("webgl2");
-  if (!context) return NO_WEBGL;
+  if (!context) return false;
   const info = context.getExtension("WEBGL_debug_renderer_info");
   const renderer = context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER);
   context.getExtension("WEBGL_lose_context")?.loseContext();
-  return SOFTWARE.test(renderer) ? NO_CARD : "";
+  return !SOFTWARE.test(renderer);
 }

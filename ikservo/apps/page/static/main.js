@@ -223,7 +223,7 @@ function setOnline(online) {
 // Report a slow drawing, and draw with less detail from now on.
 function onDetail() {
   const is3D = Boolean(rendering.drawn());
-  if (is3D && frameTime.level && rendering.giveUpSlow(frameTime.slowMs)) return; // giveUpSlow sets the detail of 2D
+  if (is3D && rendering.giveUpSlow(frameTime.slowMs, frameTime.level)) return; // giveUpSlow sets the detail of 2D
   const text = frameTime.describe(is3D ? "3D" : "The drawing");
   if (text && text !== $("slow").textContent) panel.note(text);
   setText($("slow"), text);

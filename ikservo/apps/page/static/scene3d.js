@@ -4,6 +4,7 @@
 import * as THREE from "./three.min.js";
 import { Handles } from "./handles3d.js";
 import { Markings } from "./markings3d.js";
+import { SoftwareRenderer } from "./software_renderer.js";
 
 const NEAR_M = 0.01;
 const LONGEST_FRAME_MS = 3000; // longest time to wait for a frame
@@ -15,8 +16,9 @@ const AXES = [[0xd6453d, [1, 0, 0]], [0x3d9a50, [0, 1, 0]], [0x3d6fd6, [0, 0, 1]
 const HIGHLIGHT = 0.75; // fraction of the highlight colour for the link under the pointer
 const BEHIND_OPACITY = 0.3; // opacity of links in front of a link that was selected behind them
 
-// Throws without WebGL.
-export function createRenderer(canvas) {
+// Throws if WebGL fails.
+export function createRenderer(canvas, hasCard) {
+  if (!hasCard) return new SoftwareRenderer(canvas);
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
   renderer.shadowMap.enabled = true;
   renderer.shadowMap.type = THREE.PCFShadowMap;
@@ -130,6 +132,7 @@ export class Scene3D {
 
   // Compiles the shaders of everything that may be shown later, and draws none of it.
   compile() {
+    if (this.renderer instanceof SoftwareRenderer) return;
     const hidden = [];
     this.scene.traverse((part) => part.visible || hidden.push(part));
     for (const part of hidden) part.visible = true;
@@ -145,6 +148,7 @@ export class Scene3D {
     const gl = this.renderer.getContext();
     const start = performance.now();
     this.render();
+    if (this.renderer instanceof SoftwareRenderer) return performance.now() - start;
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
     const isDrawn = () => gl.isContextLost() || gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED;
