@@ -236,13 +236,17 @@ def test_lost_webgl_context_falls_back_to_canvas_until_restored(onlooker):
 
 
 @pytest.fixture
-def page_without_webgl(browser, shared):
+def page_without_webgl(browser, view):
     context = browser.new_context(viewport=SMALL)
     context.add_init_script(f"({NO_WEBGL})()")
-    yield Operator(context.new_page(), shared, options="")
+    yield Operator(context.new_page(), view, options="")
     context.close()
 
 
+OWN_VIEW = pytest.mark.parametrize("view", [{}], indirect=True)  # others control the shared one
+
+
+@OWN_VIEW
 def test_page_starts_in_3d_drawn_by_cpu_without_webgl(page_without_webgl):
     operator = page_without_webgl
     assert chosen_view(operator.page) == "orbit"
@@ -266,6 +270,7 @@ SLOWER = """() => {
 }"""
 
 
+@OWN_VIEW
 def test_drawing_by_cpu_becomes_coarse_and_then_flat_if_slow(page_without_webgl):
     operator = page_without_webgl.wait_for(DRAWN_IN_3D)
     page = operator.page
@@ -284,7 +289,7 @@ def test_drawing_by_cpu_becomes_coarse_and_then_flat_if_slow(page_without_webgl)
     assert page.inner_text("#render-note") == "A 3D frame takes 120 ms here, so the view is 2D."
 
 
-@pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
+@OWN_VIEW
 def test_drawing_by_cpu_agrees_with_webgl_picture(webgl_browser, view):
     """Compare arm, preview, path, table and shadow with those that WebGL draws."""
     pictures = []
@@ -328,7 +333,7 @@ def test_page_starts_in_3d_drawn_by_cpu_with_software_webgl(webgl_browser, share
     context.close()
 
 
-@pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
+@OWN_VIEW
 def test_switch_to_3d_view_waits_until_live_mode_ends(webgl_browser, view):
     context = webgl_browser.new_context(viewport=SMALL)
     operator = Operator(context.new_page(), view, options="&draw=2d")

@@ -17,15 +17,15 @@ from ikservo.apps.page.dragging.labels import STOP_TEXTS
 from ikservo.apps.page.dragging.snapshot import StopNotice
 from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages.page_messages import BadMessageError, Message
-from ikservo.apps.page.messages.program_messages import ProgramMessage
+from ikservo.apps.page.messages.program_messages import ProgramMessage, ShowStep
 from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
 from ikservo.apps.page.page_updates import FrameComposer
 from ikservo.apps.page.panels.app_panels import AppPanels
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.panels.episode_panel import EpisodePanel
 from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
-from ikservo.apps.page.panels.grasp_offer import HEADING, GraspOffer
 from ikservo.apps.page.panels.live_plots import PlotFeed
+from ikservo.apps.page.panels.motion_offer import HEADING, MotionOffer
 from ikservo.apps.page.panels.page_cameras import ArmCameras
 from ikservo.apps.page.panels.program_panel import ProgramPanel
 from ikservo.apps.page.panels.servo_panel import ServoPanel
@@ -86,7 +86,7 @@ class SessionController:
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._app_panels = AppPanels(arm_thread, clock)
-        self._servos, self._grasp = ServoPanel(arm_thread), GraspOffer(arm_thread)
+        self._servos, self._offer = ServoPanel(arm_thread), MotionOffer(arm_thread)
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things, self._episodes = self._things_panel(), episodes
         self._clients: dict[int, Client] = {}
@@ -111,6 +111,7 @@ class SessionController:
             msg.TrackHand: self._track_hand,
             msg.RecordEpisode: self._record_episode,
             msg.ChooseCamera: self._choose_camera,
+            ShowStep: self._show_step,
             **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
 
@@ -142,7 +143,7 @@ class SessionController:
     def frames(self, client_id: int) -> list[Frame]:
         """Return the new frames for a client."""
         self._update_after_session()
-        self._grasp.request(self._circumstances())
+        self._offer.request(self._circumstances())
         client = self._clients[client_id]
         in_control = self._lease.is_held_by(client.lease)
         picture = self._composer.camera_view(client)
@@ -155,10 +156,10 @@ class SessionController:
         others = "none" if self._lease.holder is None else "other"
         controller = "you" if in_control else others
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
-        frames += self._things.frames(client)
+        frames += self._things.frames(client, self._offer.blocks)
         frames += self._program.frames(client)
         frames += self._following.frames(client)
-        frames += self._app_panels.frames(client, self._grasp.panels())
+        frames += self._app_panels.frames(client, self._offer.panels())
         frames += self._servos.frames(client)
         frames += [] if self._episodes is None else self._episodes.frames(client)
         frames += self._hand_frames() if in_control else []
@@ -308,7 +309,7 @@ class SessionController:
         except IkservoError as error:
             raise BadMessageError(error.message, error.command_hint) from error
         self._send_setpoint()
-        self._grasp.request(self._circumstances())  # the message may have withdrawn it
+        self._offer.request(self._circumstances())  # the message may have withdrawn it
 
     def _set_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
         """Set a pose, a previous goal, or a position or step of a joint or the tool."""
@@ -391,7 +392,7 @@ class SessionController:
             raise BadMessageError("The path to that target is not shown yet.", "Nothing moved.")
         path.plan_for(request)
         self._arm_thread.request_job(ExecutePath(path))
-        self._grasp.drop()
+        self._offer.drop()
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
         """Set the zero that a click on the tip determines."""
@@ -402,15 +403,28 @@ class SessionController:
 
     def _choose_grasp(self, message: msg.Grasp | msg.RunPanelMotion, client: Client) -> None:
         """Look for blocks, choose a block to pick up, or choose a place for the held thing."""
-        picture, camera = self._require_picture(client)
+        self._require_ready()
+        if self._camera_view is None:
+            raise BadMessageError("This needs a calibrated camera that sees the blocks.")
         self._arm.context.require_zeros()
         if self._arm_thread.command.live:
             raise BadMessageError(
                 "Nothing can be picked up while Live is on.", "Switch Live off first."
             )
-        self._grasp.request(self._circumstances())
+        self._offer.request(self._circumstances())
         self._interaction.reset()
-        self._grasp.choose(message, picture, camera, self._circumstances())
+        camera = self._composer.camera(client)
+        self._offer.choose(message, self._camera_view, camera, self._circumstances())
+
+    def _show_step(self, message: ShowStep, _client: Client) -> None:
+        """Offer the motion of a step of the program from the arm's position, or nothing."""
+        self._offer.drop()
+        motion = None if message.step is None else self._program.motion_of(message.step)
+        if motion is not None:
+            self._require_ready()
+            self._arm.context.require_zeros()
+            self._interaction.reset()
+            self._offer.choose_step(motion, self._circumstances())
 
     def _run_panel_motion(self, message: msg.RunPanelMotion, client: Client) -> None:
         if message.heading == HEADING:
@@ -433,9 +447,19 @@ class SessionController:
         stops = self._arm.context.servos.stop_request.count
         torque = [state.torque for state in snapshot.states]
         around = scene.things, scene.held, scene.arms, view, view and view.change
+        program = self._program.draft.revision
         is_silent = self._lease.silence_s() > _MAX_SILENCE_S
         targets = self._interaction.goal is None, self._interaction.resets
-        return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
+        return (
+            self._arm_thread.job,
+            stops,
+            snapshot.stop_notice,
+            torque,
+            around,
+            is_silent,
+            targets,
+            program,
+        )
 
     def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
         """Return the camera view of a client; refuse if there is none or the arm is not ready."""
@@ -548,7 +572,7 @@ class SessionController:
             spent = self._interaction.hand.spent
             self._interaction = Interaction(self._arm, self._clock)
             self._interaction.hand.spent = spent
-            self._planner, self._grasp = GoalPlanner(self._arm), GraspOffer(self._arm_thread)
+            self._planner, self._offer = GoalPlanner(self._arm), MotionOffer(self._arm_thread)
             self._things = self._things_panel()
             self._camera_view = self._find_camera_view()
             self._composer = FrameComposer(
@@ -619,7 +643,7 @@ class SessionController:
 
     def _plan_request(self) -> PlanRequest | None:
         """Return the path to plan now; None if there is no goal, or the arm is at the goal."""
-        grasp = self._grasp.request(self._circumstances())
+        grasp = self._offer.request(self._circumstances())
         if grasp is not None:
             return grasp
         goal, snapshot = self._interaction.goal, self._arm_thread.snapshot

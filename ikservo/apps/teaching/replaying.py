@@ -24,8 +24,14 @@ from ikservo.errors import CollisionError, FileFormatError, RefusedError
 from ikservo.files.reading import parse_path
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
+from ikservo.motion import (
+    ConcatenatedTrajectory,
+    JointMove,
+    KinematicLimits,
+    TrajectoryPoint,
+)
 from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import MoveJoints, Speed
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
@@ -303,6 +309,20 @@ class Replay(OwnMotion[ReplayResult]):
             measured_rad=context.index.by_name(measured),
             measured_tip_m=context.planner.tip(measured),
         )
+
+    def plan(self, context: ArmContext, start: Vector, preflight: PreflightPlanner) -> MotionPlan:
+        """Plan the whole motion from ``start`` (n,), to show it; nothing moves.
+
+        Raises:
+            IkservoError: The errors of `run`; or the arm would touch something at the start.
+        """
+        _, recorded = _load(context, self, start, preflight)
+        first = preflight.plan(_first_motion(context, recorded, self.speed))
+        path = ConcatenatedTrajectory(first.trajectory, recorded)
+        goal = recorded.state(recorded.duration_s).position
+        tips_m = np.array([context.planner.tip(q) for q in recorded.sample_path()])
+        path_m = first.path_m + float(np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum())
+        return replace(first, goal=goal, trajectory=path, duration_s=path.duration_s, path_m=path_m)
 
     def end(self, context: ArmContext, start: Vector) -> Vector:
         """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.

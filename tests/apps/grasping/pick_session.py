@@ -10,7 +10,7 @@ import numpy as np
 from ikservo.apps.cameras.camera_sources import open_source
 from ikservo.apps.page.message_handling import SessionController
 from ikservo.apps.page.messages import page_messages as msg
-from ikservo.apps.page.panels.grasp_offer import HEADING
+from ikservo.apps.page.panels.motion_offer import HEADING
 from ikservo.apps.page.running.arm_thread import ArmThread
 from tests.apps.cameras.saved_camera import BOARD
 from tests.apps.page.view_session import ViewSession

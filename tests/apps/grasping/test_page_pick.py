@@ -15,11 +15,12 @@ from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.messages import program_messages
 from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.panels.camera_view import CameraView
-from ikservo.apps.page.panels.grasp_offer import HEADING
+from ikservo.apps.page.panels.motion_offer import HEADING
 from ikservo.apps.page.running.arm_job import ExecutePath
 from ikservo.apps.page.server.auth import Permission
 from ikservo.guard import StopKind, StopReason
 from tests.apps.grasping.pick_session import pick_session
+from tests.apps.page.view_session import ViewSession
 
 pytest.importorskip("cv2")
 pytest.importorskip("mujoco")
@@ -45,8 +46,8 @@ def slow_search(session, monkeypatch):
     event = threading.Event()
     find = CameraView.block_finder
 
-    def block_finder(view, camera, px):
-        found = find(view, camera, px)
+    def block_finder(view, px=None):
+        found = find(view, px)
 
         def wait():
             assert threading.current_thread() is not threading.main_thread()
@@ -239,6 +240,34 @@ def test_page_messages_are_answered_during_pick_search(session, slow_search, mes
     assert not slow_search.is_set()
 
 
+@pytest.mark.parametrize("view", ["orbit", "top"])
+def test_found_block_is_picked_and_placed_by_clicks_in_a_drawing(session, view):
+    session.send_message(msg.SetViewport, w=960, h=720, dpr=1, view=view)
+    session.click(CUBE)
+    session.look()
+    assert "No known block is there" in session.text
+    session.send_message(msg.Grasp)
+    session.until(lambda: session.panel and session.panel["buttons"], "a list")
+    drawn = {each["name"]: each["pose"] for each in session.shown["things"]["links"]}
+    at = np.array(drawn["the red block"]).reshape(4, 4)[:3, 3]
+    assert np.linalg.norm(at - CUBE) < 0.01
+    assert session.shown["things"]["things"] == []  # a block is no obstacle
+    session.click((0.1, -0.2, 0.0))
+    session.look()
+    assert "No known block is there" in session.text
+    session.go(session.offered(CUBE))
+    assert cube_m(session)[2] > 0.06
+    assert session.shown["things"]["links"] == []
+    session.go(session.offered(GOAL))
+    assert np.linalg.norm(cube_m(session)[:2] - GOAL[:2]) < 0.02
+
+
+def test_pick_needs_a_calibrated_camera(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    with ViewSession() as session:
+        refused(session, "needs a calibrated camera", kind=msg.Grasp)
+
+
 def test_button_of_found_block_plans_its_pick(session):
     session.cameras.video.newest = two_blocks(session)
     session.send_message(msg.Grasp)
@@ -298,12 +327,15 @@ def test_grasp_message_with_invalid_pixel_is_refused(at):
         msg.read_message(text)
 
 
-def test_pick_is_refused_in_live_mode_and_outside_camera_view(session):
+def test_pick_is_refused_in_live_mode_and_beside_known_blocks(session):
     session.enable_live()
     refused(session, "Live", kind=msg.Grasp, at=session.pixel(CUBE))
     session.send_message(msg.SetLive, on=False)
     session.send_message(msg.SetViewport, w=960, h=720, dpr=1, view="side")
-    refused(session, "Choose the camera view", kind=msg.Grasp, at=(1.0, 2.0))
+    session.send_message(msg.Grasp, at=(1.0, 2.0))
+    session.look()
+    assert "No known block is there" in session.text
+    assert session.offer is None
 
 
 def test_pick_is_planned_again_after_arm_has_moved(session):

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from ikservo.apps.page.messages import page_messages
@@ -10,6 +11,8 @@ from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.running.record_job import SUFFIX
 from ikservo.apps.page.server.auth import Permission
 from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
+from ikservo.apps.teaching.recorder import recording_header
+from ikservo.apps.teaching.recording import RecordingWriter
 from ikservo.planning.motions import MoveJoints, Wait
 from servosim.faults import Fault
 from servosim.joint import Hand, glide
@@ -416,6 +419,69 @@ def test_hand_guided_recording_is_replayed_as_program_step(session):
     assert state["phase"] == "done", state
     assert abs(there) > 10.0
     assert degrees(session, "wrist_roll") == pytest.approx(there, abs=1.5)
+
+
+def recorded(session, folder):
+    """Write a recording of the pan that turns by 20° and back, 8 cm from the arm's position."""
+    folder.mkdir(exist_ok=True)
+    arm = session.arm
+    start = arm.context.servos.measure_positions()
+    column = arm.joint_index.column("shoulder_pan")
+    joints = np.repeat(start[None], 101, axis=0)
+    joints[:, column] += 0.35 * np.sin(np.linspace(0.0, np.pi, 101))
+    joints[:, arm.joint_index.column("elbow_flex")] -= 0.2
+    with RecordingWriter(folder / f"sweep{SUFFIX}", recording_header(arm.model, 0.02)) as writer:
+        for count, each in enumerate(joints):
+            writer.write(0.02 * count, each)
+    return joints
+
+
+def test_chosen_step_with_recording_is_shown_and_replayed_by_go(session, own_folder):
+    joints = recorded(session, own_folder)
+    session.send_message(msg.ProgramFile, action="new")
+    step = add(session, "recording", recording="sweep")
+    before = session.ticks()
+    session.send_message(msg.ShowStep, step=step)
+    frames = session.planned()
+    path = session.interaction.path
+    index = session.arm.joint_index
+    shown = np.array([chain for chain, _ in path.postures])
+    furthest = max(joints, key=lambda each: abs(each[index.column("shoulder_pan")] - joints[0][0]))
+    away = np.abs(shown - index.chain_joints(furthest)).max(axis=1)
+    assert away.min() < 0.05
+    assert np.abs(path.plan.goal - joints[-1]).max() < 0.02
+    assert frames["scene"]["path"]["several"]
+    assert session.ticks() == before
+    session.send_message(page_messages.ArmAction, action="execute", path=path.number)
+    on_progress = session.arm_thread.on_progress
+
+    def answer(progress):
+        session.send_message(page_messages.Heartbeat, visible=True)
+        on_progress(progress)
+
+    session.arm_thread.on_progress = answer
+    session.arm_thread.step()
+    assert np.abs(session.arm.context.servos.measure_positions() - joints[-1]).max() < 0.02
+
+
+def test_shown_step_is_withdrawn_by_an_edit_or_another_choice(session, own_folder):
+    recorded(session, own_folder)
+    session.send_message(msg.ProgramFile, action="new")
+    step = add(session, "recording", recording="sweep")
+    wait = add(session, "wait", wait_s=0.5)
+    for withdraw in (
+        lambda: session.send_message(msg.ShowStep, step=None),
+        lambda: session.send_message(msg.ShowStep, step=wait),
+        lambda: session.send_message(msg.ChangeStep, step=step, speed="fast"),
+        lambda: session.send_message(page_messages.Stop),
+    ):
+        session.send_message(msg.ShowStep, step=step)
+        session.planned()
+        withdraw()
+        session.latest_frames()
+        assert session.interaction.path is None
+    with pytest.raises(BadMessageError):
+        session.send_message(msg.ShowStep, step=99)
 
 
 def test_recording_of_arm_with_torque_on_is_refused(session):

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ikservo.apps.page.messages.message_fields import Name, PageMessage, StopInput
-from ikservo.apps.page.messages.program_messages import ProgramMessage
+from ikservo.apps.page.messages.program_messages import ProgramMessage, ShowStep
 from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
 from ikservo.errors import InputError
 from ikservo.files.validation import StrictModel, first_mistake
@@ -443,6 +443,7 @@ Message = (
     | ThingMessage
     | CalibrationAnswer
     | ProgramMessage
+    | ShowStep
 )
 
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])

@@ -92,6 +92,13 @@ class RunProgram(PageMessage):
     step: StepNumber | None = None
 
 
+class ShowStep(PageMessage):
+    """Show the motion of a step from the arm's position; None ends that."""
+
+    kind: Literal["show_step"]
+    step: StepNumber | None
+
+
 class RecordStep(PageMessage):
     """Record the arm while it is guided by hand; ``on`` = False ends the recording and adds it."""
 

@@ -9,8 +9,6 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import cast
 
-import numpy as np
-
 from ikservo.apps.cameras.arm_camera import (
     camera_key,
     camera_model,
@@ -101,9 +99,9 @@ class CameraView:
         return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
 
     def block_finder(
-        self, camera: LensCamera, px: tuple[float, float] | None
+        self, px: tuple[float, float] | None = None
     ) -> Callable[[], list[KeepOutShape]]:
-        """Return a search for the block at a pixel (2,) of the drawing, or for all blocks.
+        """Return a search for the block at a pixel (2,) of the picture, or for all blocks.
 
         Raises:
             BadMessageError: The picture is not usable.
@@ -113,9 +111,8 @@ class CameraView:
         seen = self._model, cast("Picture", self._video.newest), self.plane_m(0.0)
         if px is None:
             return partial(find_blocks, *seen)
-        u, v = camera.picture_px(np.array(px))
-        self._model.ray(u, v)
-        return lambda: [find_block_at(*seen, u, v)]
+        self._model.ray(*px)
+        return lambda: [find_block_at(*seen, *px)]
 
     @property
     def change(self) -> str:

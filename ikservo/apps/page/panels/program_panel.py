@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,11 @@ from ikservo.apps.page.running.record_job import RecordArm
 from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
 from ikservo.apps.teaching.program import ProgramStep
+from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm import Arm
 from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
+from ikservo.planning.motions import MotionValue
 
 _DEG_PLACES, _M_PLACES, _TIP_PLACES = 2, 5, 4
 
@@ -55,6 +58,20 @@ class ProgramPanel:
             raise InputError("The program is being played.", "Pause or stop it first.")
         self._edit(message, interaction)
         self._play, self._state = None, PlayState()  # an edit makes a check invalid
+
+    def motion_of(self, number: int) -> MotionValue[Any] | None:
+        """Return the motion of a step; None if it is a wait, or several motions.
+
+        Raises:
+            InputError: The step no longer exists, or this arm cannot perform it.
+        """
+        step = self.draft.steps[self.draft.place_of(number)].step
+        if not step.has_speed:
+            return None
+        speed, model = step.speed or self.draft.speed, self._arm_thread.arm.model
+        motion = step.to_motion(model, speed)
+        is_replay = isinstance(motion, Replay)
+        return replace(motion, path=self.draft.folder.path / motion.path) if is_replay else motion
 
     def frames(self, client: Client) -> list[Frame]:
         """Return the program and its state, if they have changed since the last call."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,15 +55,16 @@ class ThingsPanel:
         self._moved: MovedThing | None = None
         self._frame: Frame = {}
 
-    def frames(self, client: Client) -> list[Frame]:
-        """Return the things, if they have changed since they were sent to a client."""
+    def frames(self, client: Client, blocks: Sequence[Obstacle]) -> list[Frame]:
+        """Return the things and blocks, if they have changed since they were sent to a client."""
         things, arms = self._arm.scene.things, self._arm.scene.arms
         joints: list[Vector | None] = []  # as last read; None for an arm that is closed
         for arm in arms:
             thread = self._find_arm(arm.name)
             is_open = thread is not None and thread.arm.context is arm.context
             joints.append(thread.snapshot.measured if thread is not None and is_open else None)
-        around = things, arms, [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
+        drawn = [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
+        around = things, arms, drawn, blocks
         if around != self._shown:
             self._shown = around
             moved, links = self._moved, list[Obstacle]()
@@ -80,7 +81,8 @@ class ThingsPanel:
             self._frame = {
                 "kind": "things",
                 "things": rows,
-                "links": [{**thing_fields(each), "shape": "cylinder"} for each in links],
+                "links": [{**thing_fields(each), "shape": "cylinder"} for each in links]
+                + [thing_fields(each) for each in blocks],
             }
         if client.sent.get("things") is self._frame:
             return []

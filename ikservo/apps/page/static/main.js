@@ -166,7 +166,7 @@ function showStatus(status) {
   appPanels.setReady(isIdle(status));
   episode.setReady(status.controller === "you");
   $("grasp").disabled = !isIdle(status);
-  $("grasp").hidden = view !== "camera" || !armInfo.gripper;
+  $("grasp").hidden = !armInfo.views.includes("camera") || !armInfo.gripper;
   if ($("grasp").hidden && isOn($("grasp"))) takeClick(null);
   stopButton.show(status);
   calibration.show(status.calibration);

@@ -158,8 +158,10 @@ export class Program {
     return createElement("select", { "data-part": "option", "aria-label": `Speed of step ${place}`, onchange: (event) => this.send("change_step", { step: number, speed: event.target.value || null }) }, ...options);
   }
 
+  // The motion of the chosen step is shown from the present position.
   beginWith(number) {
     this.from = this.from === number ? null : number;
+    this.send("show_step", { step: this.from });
     this.update();
   }
 

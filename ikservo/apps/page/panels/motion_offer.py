@@ -1,4 +1,4 @@
-"""The thing to pick up or put down: a click chooses it, and another thread searches for it."""
+"""A motion that is shown before it runs: a pick, a put-down, or a step of the program."""
 
 from __future__ import annotations
 
@@ -15,20 +15,24 @@ from ikservo.apps.page.dragging.goal_planning import PlanRequest, SeveralMotions
 from ikservo.apps.page.messages import page_messages as msg
 from ikservo.apps.page.panels.camera_view import CameraView
 from ikservo.apps.page.picking.lens_camera import LensCamera
+from ikservo.apps.page.picking.projection import Camera
 from ikservo.apps.page.running.arm_thread import ArmThread
+from ikservo.apps.teaching.replaying import Replay
 from ikservo.errors import format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.scene_file import KeepOutShape
+from ikservo.planning.motions import MotionValue
+from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 
 HEADING = "What to pick up"
 
 
 @dataclass(slots=True, eq=False)
-class _GraspChoice:
-    """The thing or place that the user chose; withdrawn once circumstances differ from ``before``.
+class _Choice:
+    """The thing, place or step that the user chose; withdrawn once ``before`` is different.
 
-    ``motion`` picks or places; it is None until ``look`` has found exactly one block. ``key``
-    takes the place of the goal in plan requests, only to distinguish this choice from others.
+    ``motion`` is None until ``look`` has found exactly one block. ``key`` takes the place of the
+    goal in plan requests, only to distinguish this choice from others.
     """
 
     before: object
@@ -39,8 +43,8 @@ class _GraspChoice:
     key: Vector = field(default_factory=lambda: np.zeros(0))
 
 
-class GraspOffer:
-    """The pick or place that was chosen last; ``GoalPlanner`` plans it in a separate thread.
+class MotionOffer:
+    """The motion that was chosen last; ``GoalPlanner`` plans it in a separate thread.
 
     Args:
         arm_thread: Owns the arm.
@@ -50,13 +54,13 @@ class GraspOffer:
         self._thread, self._arm = arm_thread, arm_thread.arm
         self._pick_box: Any = offered_part("pick box")
         self._place: Any = offered_part("put down")
-        self._choice: _GraspChoice | None = None
+        self._choice: _Choice | None = None
 
     def choose(
         self,
         message: msg.Grasp | msg.RunPanelMotion,
         view: CameraView,
-        camera: LensCamera,
+        camera: Camera,
         before: object,
     ) -> None:
         """Choose the block or the place at a pixel, or a block of the list, or list all blocks.
@@ -68,26 +72,47 @@ class GraspOffer:
         if self._arm.model.gripper is None or self._pick_box is None:
             raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moved.")
         view.require_usable()
-        blocks = () if self._choice is None else self._choice.blocks
         grip: Any = self._arm.grip
         is_held = grip.is_held_at(self._arm.context, self._thread.snapshot.measured)
         if isinstance(message, msg.RunPanelMotion):
             if is_held:
                 raise msg.BadMessageError("The gripper holds something.", "Put it down first.")
-            same = [block for block in blocks if _describe(block) == message.button]
+            same = [block for block in self.blocks if _describe(block) == message.button]
             if not same:
                 raise msg.BadMessageError("That list is out of date.", "Look for blocks again.")
-            text, motion = f"Pick up {message.button}.", self._pick_box(same[0])
-            self._choice = _GraspChoice(before, text, motion=motion, blocks=blocks)
+            self._choose_block(same[0], before)
         elif is_held and message.at is None:
-            self._choice = _GraspChoice(before, "Click where to put it down.")
+            self._choice = _Choice(before, "Click where to put it down.")
         elif is_held and message.at is not None:
             x, y, z = view.surface(0.0).point_at(camera, np.array(message.at)).tolist()
             text, motion = format_point((x, y, z)), self._place((x, y, z + grip.height_m / 2.0))
-            self._choice = _GraspChoice(before, f"Put it down at {text}.", motion=motion)
+            self._choice = _Choice(before, f"Put it down at {text}.", motion=motion)
+        elif message.at is None:
+            self._choice = _Choice(before, "Looking for blocks.", view.block_finder())
+        elif isinstance(camera, LensCamera):
+            look = view.block_finder(camera.picture_px(np.array(message.at)))
+            self._choice = _Choice(before, "Looking for blocks.", look)
         else:
-            look = view.block_finder(camera, message.at)
-            self._choice = _GraspChoice(before, "Looking for blocks.", look)
+            ray = camera.ray(np.array(message.at))
+            along_m = {ray.distance_to_thing_m(block.row): block for block in self.blocks}
+            if np.isfinite(nearest_m := min(along_m, default=np.inf)):
+                self._choose_block(along_m[nearest_m], before)
+            else:
+                text = "No known block is there. Press Pick up to look for blocks."
+                self._choice = _Choice(before, text, blocks=self.blocks)
+
+    def _choose_block(self, block: KeepOutShape, before: object) -> None:
+        text, motion = f"Pick up {_describe(block)}.", self._pick_box(block)
+        self._choice = _Choice(before, text, motion=motion, blocks=self.blocks)
+
+    def choose_step(self, motion: MotionValue[Any], before: object) -> None:
+        """Choose the motion of a step of the program."""
+        self._choice = _Choice(before, "", motion=motion)
+
+    @property
+    def blocks(self) -> Sequence[KeepOutShape]:
+        """The blocks of the list."""
+        return () if self._choice is None else self._choice.blocks
 
     def drop(self) -> None:
         """Withdraw the choice."""
@@ -105,12 +130,12 @@ class GraspOffer:
 
     def panels(self) -> dict[str, Panel]:
         """Return the panel that describes the choice, with a button for each block."""
-        if self._choice is None:
+        if self._choice is None or not self._choice.text:
             return {}
         buttons = dict.fromkeys(map(_describe, self._choice.blocks))
         return {HEADING: Panel([("choice", self._choice.text)], buttons)}
 
-    def _plan(self, choice: _GraspChoice, request: PlanRequest) -> SeveralMotions | None:
+    def _plan(self, choice: _Choice, request: PlanRequest) -> SeveralMotions | None:
         """Find the chosen thing, and plan its motions; None if the user has to choose a block."""
         if choice.look is not None:
             choice.blocks = choice.look()
@@ -121,9 +146,19 @@ class GraspOffer:
             choice.look = None
         if choice.motion is None:
             return None
+        if not choice.text:
+            return self._plan_step(choice.motion, request)
         motion = replace(choice.motion, speed=request.allowed_speed)
         steps, whole = motion.plan(self._arm.context, request.start, self._arm.grip)
         return whole, partial(motion.run, steps=steps)
+
+    def _plan_step(self, motion: MotionValue[Any], request: PlanRequest) -> SeveralMotions:
+        context, start = self._arm.context, request.start
+        allowed = PlannedStart(start, request.allowed_speed)
+        planner = PreflightPlanner(context, allowed, self._arm.poses)
+        is_replay = isinstance(motion, Replay)
+        whole = motion.plan(context, start, planner) if is_replay else planner.plan(motion)
+        return whole, lambda arm, on_progress: arm.execute(motion, on_progress)
 
 
 def _describe(block: KeepOutShape) -> str:
