@@ -81,9 +81,15 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A line that is shown once and needs no answer."""
+    """A line that is shown once and needs no answer.
+
+    Attributes:
+        text: The line.
+        joint: The joint whose servo must be plugged in; empty if the line asks for none.
+    """
 
     text: str
+    joint: str = ""
 
 
 @dataclass(frozen=True, slots=True)

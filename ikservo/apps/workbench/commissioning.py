@@ -115,7 +115,7 @@ def configure_servo(
     yield Notice("")
     model_name = servo.table.model_name
     place = f"{list(owners).index(servo.id) + 1} of {len(owners)}"
-    yield Notice(f"{place}: plug in only the {model_name} of {servo} …")
+    yield Notice(f"{place}: plug in only the {model_name} of {servo} …", joint=servo.name)
     yield Notice("Searching at every baud rate. If you stop, finished servos keep their settings.")
     found = yield from _find_servo(line, settings, wait_s)
     check_model(found, settings)

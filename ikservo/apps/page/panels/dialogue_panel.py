@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from dataclasses import asdict
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -14,7 +15,7 @@ from pydantic import Field
 from ikservo.apps.importing.new_arm import NewArm
 from ikservo.apps.page.messages.message_fields import Name, PageMessage
 from ikservo.apps.page.messages.page_messages import BadMessageError
-from ikservo.apps.page.panels.dialogue_process import DialogueEnd, Task, run_dialogue
+from ikservo.apps.page.panels.dialogue_process import ArmSketch, DialogueEnd, Task, run_dialogue
 from ikservo.maintenance.dialogue import ACCEPT, Entry, Notice, Progress, Question
 
 _MAX_LINES = 200
@@ -70,6 +71,8 @@ class DialoguePanel:
     def _reset(self) -> None:
         self._process, self._line = None, None
         self._lines: list[str] = []
+        self._sketch: ArmSketch | None = None
+        self._joint = ""
         self._progress, self._number = "", 0
         self._question: Question | Entry | None = None
         self._moves_servos = self._has_port = False
@@ -166,8 +169,11 @@ class DialoguePanel:
             except (EOFError, OSError):
                 item = DialogueEnd(error="The dialogue failed; the terminal says why.")
             match item:
-                case Notice(text):
+                case Notice(text, joint):
                     self._lines = [*self._lines, text][-_MAX_LINES:]
+                    self._joint = joint or self._joint
+                case ArmSketch():
+                    self._sketch = item
                 case Progress(text):
                     self._progress = text
                 case Question() | Entry():
@@ -197,6 +203,8 @@ class DialoguePanel:
             }
         return {
             "lines": self._lines,
+            "joint": self._joint,
+            "sketch": asdict(self._sketch) if self._sketch and self._joint else None,
             "progress": "" if question else self._progress,
             "question": shown,
             "number": self._number,

@@ -9,9 +9,12 @@ from __future__ import annotations
 import contextlib
 import os
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+
+import numpy as np
 
 from ikservo.apps.importing.draft import ArmDraft
 from ikservo.apps.importing.folder import write_drafts
@@ -28,6 +31,7 @@ from ikservo.arm.opening import resolve_port
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError
 from ikservo.hardware.port_names import is_simulated, with_simulator_option
+from ikservo.kinematics.arrays import Matrix
 from ikservo.maintenance.dialogue import (
     ACCEPT,
     Entry,
@@ -37,7 +41,7 @@ from ikservo.maintenance.dialogue import (
     Question,
     Unasked,
 )
-from ikservo.model import load_model
+from ikservo.model import Model, load_model
 from ikservo.remedies import in_page
 
 _NICE = 10
@@ -79,6 +83,19 @@ class DialogueEnd:
     result: str = ""
     folders: tuple[Path, ...] = ()
     error: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmSketch:
+    """The arm in its first pose, seen from its side.
+
+    Attributes:
+        pivots_m: Horizontal distance from the base and height of each joint, in order.
+        tip_m: The same of the tip.
+    """
+
+    pivots_m: Mapping[str, tuple[float, float]]
+    tip_m: tuple[float, float]
 
 
 Task = NewArm | SetUpServos | CheckServos
@@ -140,6 +157,7 @@ def _make_arm(new: NewArm) -> EntryDialogue[DialogueEnd]:
 def _set_up(line: Connection, task: SetUpServos) -> EntryDialogue[DialogueEnd]:
     model = load_model(task.arm)
     names = tuple(dict.fromkeys(each.servo.name for each in planned_settings(model)))
+    line.send(_sketch(model))
     port = task.port
     if is_simulated(port):
         port = with_simulator_option(with_simulator_option(port, "paced=1"), "hand=setup")
@@ -153,6 +171,20 @@ def _set_up(line: Connection, task: SetUpServos) -> EntryDialogue[DialogueEnd]:
             opened, model, todo, _WAIT_S, lambda done: line.send(Notice(str(done)))
         )
     return DialogueEnd("All servos are set up. Connect them to each other, then press Check.")
+
+
+def _sketch(model: Model) -> ArmSketch:
+    chain, q = model.chain, model.initial_joints()
+    poses, tip = chain.link_poses(q), chain.forward(q)[:2, 3]
+    ahead = tip / max(float(np.linalg.norm(tip)), 1e-6)
+
+    def seen(T: Matrix) -> tuple[float, float]:
+        return float(ahead @ T[:2, 3]), float(T[2, 3])
+
+    names = {joint.name for joint in model.joints}
+    moved = {s.joint.name: link for link in poses for s in chain.joints_to(link)[-1:]}
+    pivots = {name: seen(poses[link]) for name, link in moved.items() if name in names}
+    return ArmSketch(pivots, seen(chain.forward(q)))
 
 
 def _check(line: Connection, task: CheckServos) -> EntryDialogue[DialogueEnd]:

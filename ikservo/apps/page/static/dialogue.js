@@ -36,6 +36,7 @@ export class ServerDialogue {
     const { lines, progress, question, result, error } = dialogue;
     const over = isOver(dialogue);
     return [
+      dialogue.sketch && !over && createSketch(dialogue),
       createElement("ul", {}, ...lines.map((line) => createElement("li", {}, line))),
       createElement("p", { class: error ? "error" : "quiet", role: "status" }, error || result || progress),
       question && this.createQuestion(dialogue),
@@ -56,6 +57,30 @@ export class ServerDialogue {
     form.onsubmit = (event) => { event.preventDefault(); answer(entry.value); };
     return form;
   }
+}
+
+const ADAPTER_M = [-0.16, 0.02]; // place of the adapter in the sketch
+
+// The arm from its side, with a cable from the adapter to the only servo that is plugged in.
+function createSketch({ sketch: { pivots_m, tip_m }, joint }) {
+  const pivots = Object.entries(pivots_m);
+  const path = (points) => points.map(([x, z], i) => `${i ? "L" : "M"}${x} ${-z}`).join("");
+  const bounds = [ADAPTER_M, tip_m, [0, 0], ...pivots.map(([, at]) => at)];
+  const [xs, zs] = [bounds.map(([x]) => x), bounds.map(([, z]) => z)];
+  const [left, top] = [Math.min(...xs) - 0.04, -Math.max(...zs) - 0.04];
+  const svg = createShape("svg", { class: "sketch", role: "img", "aria-label": `Plug in only the servo of ${joint}`, viewBox: `${left} ${top} ${Math.max(...xs) + 0.04 - left} ${0.06 - top}` });
+  svg.append(createShape("path", { class: "links", d: path([[0, 0], ...pivots.map(([, at]) => at), tip_m]) }));
+  for (const [name, [x, z]] of pivots) svg.append(createShape("circle", { cx: x, cy: -z, r: 0.013, class: name === joint ? "plugged" : "" }));
+  const [x, z] = pivots_m[joint] ?? tip_m;
+  svg.append(createShape("path", { class: "cable", d: `M${ADAPTER_M[0]} ${-ADAPTER_M[1]}C${ADAPTER_M[0]} ${-z} ${ADAPTER_M[0]} ${-z} ${x} ${-z}` }));
+  svg.append(createShape("rect", { x: ADAPTER_M[0] - 0.025, y: -ADAPTER_M[1] - 0.015, width: 0.05, height: 0.03, rx: 0.006 }));
+  return svg;
+}
+
+function createShape(kind, attributes) {
+  const shape = document.createElementNS("http://www.w3.org/2000/svg", kind);
+  for (const [name, value] of Object.entries(attributes)) shape.setAttribute(name, value);
+  return shape;
 }
 
 export function isOver({ result, error }) { return result !== "" || error !== ""; }
