@@ -28,7 +28,7 @@ HEADING = "What to pick up"
 
 
 @dataclass(slots=True, eq=False)
-class _Choice:
+class _ChosenMotion:
     """The thing, place or step that the user chose; withdrawn once ``before`` is different.
 
     ``motion`` is None until ``look`` has found exactly one block. ``key`` takes the place of the
@@ -54,7 +54,7 @@ class MotionOffer:
         self._thread, self._arm = arm_thread, arm_thread.arm
         self._pick_box: Any = offered_part("pick box")
         self._place: Any = offered_part("put down")
-        self._choice: _Choice | None = None
+        self._choice: _ChosenMotion | None = None
 
     def choose(
         self,
@@ -82,16 +82,16 @@ class MotionOffer:
                 raise msg.BadMessageError("That list is out of date.", "Look for blocks again.")
             self._choose_block(same[0], before)
         elif is_held and message.at is None:
-            self._choice = _Choice(before, "Click where to put it down.")
+            self._choice = _ChosenMotion(before, "Click where to put it down.")
         elif is_held and message.at is not None:
             x, y, z = view.surface(0.0).point_at(camera, np.array(message.at)).tolist()
             text, motion = format_point((x, y, z)), self._place((x, y, z + grip.height_m / 2.0))
-            self._choice = _Choice(before, f"Put it down at {text}.", motion=motion)
+            self._choice = _ChosenMotion(before, f"Put it down at {text}.", motion=motion)
         elif message.at is None:
-            self._choice = _Choice(before, "Looking for blocks.", view.block_finder())
+            self._choice = _ChosenMotion(before, "Looking for blocks.", view.block_finder())
         elif isinstance(camera, LensCamera):
             look = view.block_finder(camera.picture_px(np.array(message.at)))
-            self._choice = _Choice(before, "Looking for blocks.", look)
+            self._choice = _ChosenMotion(before, "Looking for blocks.", look)
         else:
             ray = camera.ray(np.array(message.at))
             along_m = {ray.distance_to_thing_m(block.row): block for block in self.blocks}
@@ -99,15 +99,15 @@ class MotionOffer:
                 self._choose_block(along_m[nearest_m], before)
             else:
                 text = "No known block is there. Press Pick up to look for blocks."
-                self._choice = _Choice(before, text, blocks=self.blocks)
+                self._choice = _ChosenMotion(before, text, blocks=self.blocks)
 
     def _choose_block(self, block: KeepOutShape, before: object) -> None:
         text, motion = f"Pick up {_describe(block)}.", self._pick_box(block)
-        self._choice = _Choice(before, text, motion=motion, blocks=self.blocks)
+        self._choice = _ChosenMotion(before, text, motion=motion, blocks=self.blocks)
 
     def choose_step(self, motion: MotionValue[Any], before: object) -> None:
         """Choose the motion of a step of the program."""
-        self._choice = _Choice(before, "", motion=motion)
+        self._choice = _ChosenMotion(before, "", motion=motion)
 
     @property
     def blocks(self) -> Sequence[KeepOutShape]:
@@ -135,7 +135,7 @@ class MotionOffer:
         buttons = dict.fromkeys(map(_describe, self._choice.blocks))
         return {HEADING: Panel([("choice", self._choice.text)], buttons)}
 
-    def _plan(self, choice: _Choice, request: PlanRequest) -> SeveralMotions | None:
+    def _plan(self, choice: _ChosenMotion, request: PlanRequest) -> SeveralMotions | None:
         """Find the chosen thing, and plan its motions; None if the user has to choose a block."""
         if choice.look is not None:
             choice.blocks = choice.look()
