@@ -92,7 +92,7 @@ class Operator:
                 if isinstance(item, HandRequest):
                     answer = screen.show_and_answer(item)
                 elif isinstance(item, Progress):
-                    screen.overwrite(item.text)
+                    screen.overwrite(str(item))
                 else:
                     screen.close()
                     if isinstance(item, Notice):

@@ -94,9 +94,26 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The present activity; the next ``Progress`` replaces it."""
+    """The present activity; the next ``Progress`` replaces it.
+
+    Attributes:
+        text: The activity.
+        done: The part of the work that is done, in any unit.
+        total: The whole work, in the same unit; 0 if that is not known.
+        elapsed_s: The time since the work began; 0 if the remaining time cannot be estimated.
+    """
 
     text: str
+    done: float = 0.0
+    total: float = 0.0
+    elapsed_s: float = 0.0
+
+    def __str__(self) -> str:
+        share = f", {100.0 * self.done / self.total:.0f} %" if self.total else ""
+        if not (self.done and self.elapsed_s):
+            return self.text + share
+        left_s = self.elapsed_s / self.done * (self.total - self.done)
+        return f"{self.text}{share}, about {left_s:.0f} s left"
 
 
 class Unasked(Enum):

@@ -44,6 +44,7 @@ from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import log_so3
+from ikservo.maintenance.dialogue import Progress
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.planning.reports import ArmState
@@ -340,9 +341,9 @@ class CameraCalibration:
                 raise
             self._report(f"not used: {error.message}")
             return False
-        taken, now_s = len(self._pictures), self._arm.clock.now_s()
-        left_s = (now_s - self._began_s) / taken * (self._count - taken)
-        self._report(f"picture {taken} of {self._count}, about {left_s:.0f} s left")
+        taken, since_s = len(self._pictures), self._arm.clock.now_s() - self._began_s
+        what = f"picture {taken} of {self._count}"
+        self._report(str(Progress(what, taken, self._count, since_s)))
         return True
 
     def _move(self, q: Vector) -> None:

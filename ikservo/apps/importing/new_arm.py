@@ -21,7 +21,6 @@ from ikservo.apps.importing.folder import check_name, check_new, load_draft
 from ikservo.apps.importing.resting import find_resting_place
 from ikservo.apps.importing.ruler import AXES, RulerJoint, describe_measured, parse_measured
 from ikservo.apps.importing.servo_assignment import assign_servos
-from ikservo.apps.importing.shapes import MeshStep
 from ikservo.apps.importing.tree import find_structures
 from ikservo.clock import RealClock
 from ikservo.errors import FileFormatError, IkservoError, InputError
@@ -92,7 +91,8 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
             break
         if not step.done:
             yield Notice(f"Fitting capsules to {step.count} meshes: a few seconds for each.")
-        yield Progress(_mesh_progress(step, clock.now_s() - started_s))
+        what = f"mesh {step.done + 1} of {step.count}: {step.name}"
+        yield Progress(what, step.done, step.count, clock.now_s() - started_s)
     check_new([draft.name for draft in drafts], new.folder, overwrite=new.overwrite)
     for draft in drafts:
         yield from _propose_home(draft)
@@ -101,14 +101,6 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     for draft in drafts:
         yield from _find_rest(draft)
     return drafts
-
-
-def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
-    """Return a line that names the current mesh and estimates the remaining time."""
-    left = ""
-    if step.done:
-        left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
-    return f"mesh {step.done + 1} of {step.count}{left}: {step.name}"
 
 
 def _read(new: NewArm) -> EntryDialogue[Description]:

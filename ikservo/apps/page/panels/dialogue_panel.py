@@ -73,7 +73,7 @@ class DialoguePanel:
         self._lines: list[str] = []
         self._sketch: ArmSketch | None = None
         self._joint = ""
-        self._progress, self._number = "", 0
+        self._progress, self._number = Progress(""), 0
         self._question: Question | Entry | None = None
         self._moves_servos = self._has_port = False
         self._ended: DialogueEnd | None = None
@@ -153,7 +153,7 @@ class DialoguePanel:
         """Close the pipe; terminate the process if it does not end by itself."""
         if self._line is not None:
             self._line.close()
-        self._line, self._question, self._progress = None, None, ""
+        self._line, self._question, self._progress = None, None, Progress("")
         if self._process is not None:
             grace_s = _LET_GO_S if self._has_port else 0.0
             threading.Thread(target=_end, args=(self._process, grace_s)).start()
@@ -174,12 +174,12 @@ class DialoguePanel:
                     self._joint = joint or self._joint
                 case ArmSketch():
                     self._sketch = item
-                case Progress(text):
-                    self._progress = text
+                case Progress():
+                    self._progress = item
                 case Question() | Entry():
                     self._question, self._number = item, self._number + 1
                 case DialogueEnd():
-                    self._ended, self._line, self._progress = item, None, ""
+                    self._ended, self._line, self._progress = item, None, Progress("")
                     return item.folders
                 case _:
                     continue
@@ -190,6 +190,7 @@ class DialoguePanel:
         if self._line is None and self._ended is None:
             return None
         ended, question = self._ended or DialogueEnd(), self._question
+        progress = self._progress
         shown = None
         if isinstance(question, Question):
             buttons = [[ACCEPT, question.label], ["no", "no"]]
@@ -205,7 +206,8 @@ class DialoguePanel:
             "lines": self._lines,
             "joint": self._joint,
             "sketch": asdict(self._sketch) if self._sketch and self._joint else None,
-            "progress": "" if question else self._progress,
+            "progress": "" if question else str(progress),
+            "share": progress.done / progress.total if progress.total and not question else None,
             "question": shown,
             "number": self._number,
             "result": ended.result,

@@ -28,6 +28,7 @@ from ikservo.apps.workbench.commissioning import (
 from ikservo.apps.workbench.doctor import diagnose
 from ikservo.apps.workbench.findings import Severity
 from ikservo.arm.opening import resolve_port
+from ikservo.clock import RealClock
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError
 from ikservo.hardware.port_names import is_simulated, with_simulator_option
@@ -188,13 +189,15 @@ def _sketch(model: Model) -> ArmSketch:
 
 
 def _check(line: Connection, task: CheckServos) -> EntryDialogue[DialogueEnd]:
-    shown = ""
+    shown, clock = "", RealClock()
+    started_s = clock.now_s()
 
     def show_progress(text: str, done: float, total: float) -> None:
         nonlocal shown
-        if (now := f"{text}, {100.0 * done / max(total, 1.0):.0f} %") != shown:
-            shown = now
-            line.send(Progress(now))
+        now = Progress(text, done, total, clock.now_s() - started_s)
+        if str(now) != shown:
+            shown = str(now)
+            line.send(now)
 
     model = load_model(task.arm)
     port = resolve_port(model, task.port)

@@ -39,6 +39,7 @@ export class ServerDialogue {
       dialogue.sketch && !over && createSketch(dialogue),
       createElement("ul", {}, ...lines.map((line) => createElement("li", {}, line))),
       createElement("p", { class: error ? "error" : "quiet", role: "status" }, error || result || progress),
+      dialogue.share !== null && createElement("progress", { value: dialogue.share, "aria-label": "Done" }),
       question && this.createQuestion(dialogue),
       this.movesServos && createElement("button", { type: "button", class: "stop small", onclick: () => this.send("stop_arms", { name: null }) }, "Stop all"),
       createElement("button", { type: "button", class: "ghost small", onclick: () => this.send("leave_dialogue") }, over ? "Done" : "Leave"),
