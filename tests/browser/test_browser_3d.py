@@ -273,7 +273,10 @@ SLOWER = """() => {
 @OWN_VIEW
 def test_drawing_by_cpu_becomes_coarse_and_then_flat_if_slow(page_without_webgl):
     operator = page_without_webgl.wait_for(DRAWN_IN_3D)
-    page = operator.page
+    page = operator.until("window.ikservo.rendering.tried").page
+    page.evaluate("window.ikservo.rendering.frameMs = 5")  # as on a quick computer
+    page.evaluate("window.ikservo.frameTime.set(0)")
+    operator.until("2 * webgl.clientWidth === webgl.width")
     widths = [page.evaluate("document.getElementById('webgl').width")]
     for slow in range(3):
         page.evaluate(SLOWER)

@@ -13,6 +13,7 @@ const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // name
 const AFTER_LIVE = "3D begins once Live is off";
 const HOPELESS_MS = 1000; // frames as slow as this need no more timing
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
+const SMOOTH_MS = 25; // longest frame of the CPU with more pixels than the page
 const COARSE_LEVEL = 3; // level of detail at which 3D on the CPU gives up
 
 export class Rendering {
@@ -136,8 +137,8 @@ export class Rendering {
     $("backdrop").hidden = on;
     if (!on) return;
     this.scene3d.setShadows(detail.shadows);
-    // A drawing of the CPU has more pixels than the page if there is time, for smooth edges.
-    const ratio = this.hasCard ? pixelRatio : detail.maxRatio;
+    // The CPU draws more pixels than the page has if there is time, for smooth edges.
+    const ratio = this.hasCard ? pixelRatio : Math.min(detail.maxRatio, this.frameMs > SMOOTH_MS ? 1 : 2);
     const resized = this.scene3d.fit(this.canvas.clientWidth, this.canvas.clientHeight, ratio);
     if (!resized && isSame(scene, this.shown)) return;
     this.shown = scene;
@@ -146,13 +147,8 @@ export class Rendering {
     if (this.frameMs === null) this.timeFrames(this.scene3d);
   }
 
-  // Without a graphics card there are no shaders to compile, and slow frames lower the detail first.
   async timeFrames(scene3d) {
     this.frameMs = 0;
-    if (!this.hasCard) {
-      this.tried = true;
-      return;
-    }
     const times = [];
     scene3d.compile();
     for (let i = 0; i < WARM_UP_FRAMES + TIMED_FRAMES && this.scene3d === scene3d && !this.reason; i++) {
