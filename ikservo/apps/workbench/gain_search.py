@@ -107,12 +107,10 @@ class StepResponse:
         return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
 
     def _judged(self, end_s: float) -> slice:
-        first, last = np.searchsorted(self.time_s, (end_s + REST_S - _JUDGED_S, end_s + REST_S))
-        return slice(int(first), max(int(last), int(first) + 1))
+        return _rows_between(self.time_s, end_s + REST_S - _JUDGED_S, end_s + REST_S)
 
     def _rest(self, end_s: float) -> slice:
-        first, last = np.searchsorted(self.time_s, (end_s, end_s + REST_S))
-        return slice(int(first), max(int(last), int(first) + 1))
+        return _rows_between(self.time_s, end_s, end_s + REST_S)
 
     def _beyond_rest(self) -> list[Vector]:
         """Return the distances of the joint beyond its rest position, after each motion."""
@@ -222,8 +220,13 @@ def record_joint(
 
 def swing_at_rest(time_s: Vector, position_rad: Vector, end_s: float) -> float:
     """Compute the peak-to-peak motion of a joint in the last half second of a rest."""
-    first, last = np.searchsorted(time_s, (end_s - _JUDGED_S, end_s))
-    return float(np.ptp(position_rad[first : max(last, first + 1)]))
+    return float(np.ptp(position_rad[_rows_between(time_s, end_s - _JUDGED_S, end_s)]))
+
+
+def _rows_between(time_s: Vector, start_s: float, end_s: float) -> slice:
+    """Return the rows from one time to another, at least one."""
+    first, last = np.searchsorted(time_s, (start_s, end_s))
+    return slice(int(first), max(int(last), int(first) + 1))
 
 
 def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
