@@ -7,7 +7,7 @@ a terminal, a web page and a script use the same procedure. Every step returns a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -114,13 +114,6 @@ class TouchOffState:
     ticks: Mapping[int, float] = field(default_factory=dict[int, float])
     found: CalibrationEstimate | None = None
     before: TouchOffState | None = None
-
-    @classmethod
-    def begin(
-        cls, chain: Chain, present: Chain, maps: Sequence[JointMap], places: Sequence[TouchTarget]
-    ) -> TouchOffState:
-        """Begin a touch-off at its first point."""
-        return cls(chain, present, tuple(maps), tuple(places))
 
     # --- queries ---
 
