@@ -245,10 +245,8 @@ class CameraFit:
         """The estimates of the requested arm parameters."""
         chain, n = self.bending.dynamics.chain, len(self.zeros)
         values = np.concatenate([self.zeros, self.bending.compliance, self.bending.half_play])
-        deviations, priors = (
-            np.sqrt(np.diag(self.covariance))[_POSES:],
-            _priors(self.bending)[_POSES:],
-        )
+        deviations = np.sqrt(np.diag(self.covariance))[_POSES:]
+        priors = _priors(self.bending)[_POSES:]
         unit = ["rad" if kind is JointType.REVOLUTE else "m" for kind in chain.kinds]
         moved = ["rad/N m" if each == "rad" else "m/N" for each in unit]
         named = [
@@ -599,9 +597,7 @@ class _Problem:
             J[i, 2, 12] = -self._distance[i]
             e[i, 2] -= state.scale * self._distance[i]
             if sample.lens is not None:
-                by_lens = np.vstack(
-                    [turn @ sample.lens.by_lens[:3], turn @ sample.lens.by_lens[3:]]
-                )
+                by_lens = np.kron(np.eye(2), turn) @ sample.lens.by_lens
                 J[i, :, 13:_POSES] = -by_lens
                 e[i] -= by_lens @ (state.lens - sample.lens.at)
         return e, J
