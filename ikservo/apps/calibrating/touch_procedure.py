@@ -22,7 +22,7 @@ from ikservo.calibration import JointMap
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.model.arm_model import Model
 from ikservo.model.tool import view_axes
 
@@ -38,7 +38,7 @@ _MOVED_TICKS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TouchTarget:
+class TouchTarget(FrozenArrays):
     """A point to touch with the tip.
 
     Attributes:
@@ -48,9 +48,6 @@ class TouchTarget:
 
     name: str
     position_m: Vector | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def grid_points() -> Iterator[tuple[str, float, float]]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
@@ -32,7 +32,7 @@ _Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LensTerms:
+class LensTerms(FrozenArrays):
     """Linearised information about the lens from the corners of a board in one picture.
 
     The six numbers are: focal length over width, minus 1; ratio of the vertical to the horizontal
@@ -55,12 +55,9 @@ class LensTerms:
     information: Matrix
     noise: Matrix
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoardSample:
+class BoardSample(FrozenArrays):
     """One view of the board on the gripper by a camera.
 
     Attributes:
@@ -74,9 +71,6 @@ class BoardSample:
     T_camera_board: Matrix
     name: str = ""
     lens: LensTerms | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class Extent(Enum):
@@ -180,7 +174,7 @@ class _State:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraFit:
+class CameraFit(FrozenArrays):
     """Camera, board and arm fitted to some samples.
 
     Attributes:
@@ -212,9 +206,6 @@ class CameraFit:
     covariance: Matrix = field(repr=False)
     asked: _Mask = field(repr=False)
     free: _Mask = field(repr=False)
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def board_poses(self, q: Matrix) -> Matrix:
         """Compute the board's pose in the camera frame (n, 4, 4) at measured joints (n, dof)."""

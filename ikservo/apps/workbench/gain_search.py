@@ -16,7 +16,7 @@ from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import BadValueError, BlockedError, InputError, RefusedError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoint
 from ikservo.planning.context import ArmContext
 from ikservo.registers import Register
@@ -36,7 +36,7 @@ _FRACTIONS = (32, 16, 8)  # divisors of the highest gain, tried if the present g
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepResponse:
+class StepResponse(FrozenArrays):
     """Response of a joint to a quick motion back and forth, without corrections by ikservo.
 
     Attributes:
@@ -50,9 +50,6 @@ class StepResponse:
     goal_rad: Vector
     position_rad: Vector
     ends_s: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def overshoot_rad(self) -> float:
