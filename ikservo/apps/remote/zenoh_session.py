@@ -116,11 +116,8 @@ def ask(
     session: zenoh.Session, key: str, payload: bytes, timeout_s: float
 ) -> list[tuple[str, bytes]]:
     """Send a request; return the key and payload of each answer that arrives in time."""
-    answers: list[tuple[str, bytes]] = []
-    for reply in session.get(key, payload=payload, timeout=timeout_s):
-        if reply.ok is not None:
-            answers.append((str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
-    return answers
+    answers = (reply.ok for reply in session.get(key, payload=payload, timeout=timeout_s))
+    return [(str(ok.key_expr), ok.payload.to_bytes()) for ok in answers if ok is not None]
 
 
 def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:

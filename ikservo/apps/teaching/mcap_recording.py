@@ -15,6 +15,7 @@ from array import array
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol, cast
@@ -279,15 +280,6 @@ class RosRecordingWriter:
 # reading
 
 
-def read_calibration_text(path: Path) -> str | None:
-    """Return the calibration that is attached to a recording; None if it has none.
-
-    Raises:
-        FileFormatError: The file is not an MCAP file.
-    """
-    return read_attachment(path, CALIBRATION_FILE)
-
-
 def read_attachment(path: Path, name: str) -> str | None:
     """Read the text of an attachment of an MCAP file; None if it is missing.
 
@@ -303,6 +295,10 @@ def read_attachment(path: Path, name: str) -> str | None:
             except UnicodeDecodeError:
                 raise FileFormatError(path, name, "is not text in UTF-8") from None
     return None
+
+
+read_calibration_text = partial(read_attachment, name=CALIBRATION_FILE)
+"""Read the calibration that is attached to a recording; None if it has none."""
 
 
 def read_mcap(path: Path) -> Recording:
