@@ -114,14 +114,13 @@ class ArmSample(FrozenArrays):
     stopped_for: str = ""
 
     @classmethod
-    def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:
+    def of_states(cls, states: tuple[JointState, ...]) -> ArmSample:
         """Make a sample from the states of all joints."""
         goals = [state.goal_rad for state in states]
         return cls(
             np.array([state.position_rad for state in states]),
             None if None in goals else np.array(goals, dtype=np.float64),
             states,
-            stopped_for,
         )
 
 
