@@ -188,20 +188,16 @@ class RangeEnd:
 def range_ends(subject: JointUnderCalibration) -> Iterator[RangeEnd]:
     """Yield the lower and the upper end of a joint's range."""
     low, high = subject.expected.lower.value, subject.expected.upper.value
-    beyond, middle = SEARCH_MARGIN_RAD * horn_to_joint(subject), (low + high) / 2
+    beyond, middle = SEARCH_MARGIN_RAD * subject.joint_map.unit_per_horn_rad, (low + high) / 2
     yield RangeEnd(subject.name, middle, low, low - beyond)
     yield RangeEnd(subject.name, middle, high, high + beyond)
-
-
-def horn_to_joint(subject: JointUnderCalibration) -> float:
-    """Return the maximum joint motion, rad or m, per radian of the horn."""
-    return subject.joint_map.unit_per_horn_rad
 
 
 def is_end_stop(found: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:
     """Check whether a joint is at its stop and not at an obstacle before it."""
     missing = (end.expected - found.position) * math.copysign(1.0, end.past - end.start)
-    return found.contact is ContactState.STOP and missing <= _EARLY_RAD * horn_to_joint(subject)
+    early = _EARLY_RAD * subject.joint_map.unit_per_horn_rad
+    return found.contact is ContactState.STOP and missing <= early
 
 
 def early_contact_error(
@@ -376,7 +372,8 @@ class AutoCalibration:
         reason = unreached(subject, lower, upper)
         yield Notice(f"{subject.name}: {reason}")
         self.state = self.state.skip(subject.name, reason)
-        expected, margin = subject.expected, self.state.margin_rad * horn_to_joint(subject)
+        expected = subject.expected
+        margin = self.state.margin_rad * subject.joint_map.unit_per_horn_rad
         low = expected.lower if isinstance(lower, str) else Limit(lower + margin, "felt")
         high = expected.upper if isinstance(upper, str) else Limit(upper - margin, "felt")
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 
 from ikservo.apps.calibrating.by_hand_procedure import CalibrationState, is_full_turn
@@ -164,12 +164,7 @@ def build_calibration(
         joints.append(_calibrated_joint(state, subject, found, own, configs, memory))
     calibration = Calibration(
         format=1,
-        arm=metadata.arm,
-        written=metadata.written,
-        tool_version=metadata.tool_version,
-        usb_serial_number=metadata.usb_serial_number,
-        family=metadata.family,
-        anchor_pose=metadata.anchor_pose,
+        **asdict(metadata),
         margin_deg=math.degrees(state.margin_rad),
         joints=tuple(joints),
     )

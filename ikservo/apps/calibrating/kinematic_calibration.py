@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain, JointType
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.geometric_errors import (
     GeometricErrors,
     calibration_jacobian,
@@ -26,7 +26,7 @@ from ikservo.kinematics.geometric_errors import (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TouchPoint:
+class TouchPoint(FrozenArrays):
     """One touch of a point with the tip.
 
     Attributes:
@@ -39,9 +39,6 @@ class TouchPoint:
     q: Vector
     point: str
     position_m: Vector | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def joint_matrix(touches: Sequence[TouchPoint]) -> Matrix:
@@ -221,7 +218,7 @@ _MAX_OUTLIER_M = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CalibrationFit:
+class CalibrationFit(FrozenArrays):
     """An arm fitted to touches.
 
     Attributes:
@@ -241,9 +238,6 @@ class CalibrationFit:
     scaled: Vector
     kept: Mask
     residuals_m: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def tips(self, q: Matrix) -> Matrix:
         """Compute the tip positions (n, 3), metres, for measured joints (n, dof)."""

@@ -57,18 +57,14 @@ class RangeTracker:
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
         """Add a reading."""
-        tick = unwrap(self.tick, reading, self.ticks_per_turn) if self.ticks_per_turn else reading
-        jumped = self.ticks_per_turn and abs(tick - self.tick) > _MAX_STEP
+        if not self.ticks_per_turn:
+            return self.update_unwrapped(reading, at_s)
+        tick = unwrap(self.tick, reading, self.ticks_per_turn)
+        jumped = abs(tick - self.tick) > _MAX_STEP
         other_direction = self.ticks_per_turn - abs(tick - self.tick)
         ambiguous = other_direction <= _MAX_TURNS_PER_S * self.ticks_per_turn * (at_s - self.at_s)
-        return replace(
-            self,
-            tick=tick,
-            low=min(self.low, tick),
-            high=max(self.high, tick),
-            at_s=at_s,
-            lost=self.lost or bool(jumped or (self.ticks_per_turn and ambiguous)),
-        )
+        lost = self.lost or jumped or ambiguous
+        return replace(self.update_unwrapped(tick, at_s), lost=lost)
 
     def update_unwrapped(self, tick: int, at_s: float) -> RangeTracker:
         """Add a reading that is already unwrapped."""

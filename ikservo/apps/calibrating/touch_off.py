@@ -61,7 +61,7 @@ class TouchOffSession:
 
     def start_touch_off(self, targets: Sequence[TouchTarget]) -> TouchOffState:
         """Return the initial state of a touch-off at the given points."""
-        return TouchOffState.begin(self.chain, self.present, self.maps, targets)
+        return TouchOffState(self.chain, self.present, self.maps, tuple(targets))
 
     def reachable_targets(self, targets: Sequence[TouchTarget]) -> list[TouchTarget]:
         """Return the targets within reach of the tip."""

@@ -7,7 +7,7 @@ a terminal, a web page and a script use the same procedure. Every step returns a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from ikservo.calibration import JointMap
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.model.arm_model import Model
 from ikservo.model.tool import view_axes
 
@@ -38,7 +38,7 @@ _MOVED_TICKS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TouchTarget:
+class TouchTarget(FrozenArrays):
     """A point to touch with the tip.
 
     Attributes:
@@ -48,9 +48,6 @@ class TouchTarget:
 
     name: str
     position_m: Vector | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def grid_points() -> Iterator[tuple[str, float, float]]:
@@ -114,13 +111,6 @@ class TouchOffState:
     ticks: Mapping[int, float] = field(default_factory=dict[int, float])
     found: CalibrationEstimate | None = None
     before: TouchOffState | None = None
-
-    @classmethod
-    def begin(
-        cls, chain: Chain, present: Chain, maps: Sequence[JointMap], places: Sequence[TouchTarget]
-    ) -> TouchOffState:
-        """Begin a touch-off at its first point."""
-        return cls(chain, present, tuple(maps), tuple(places))
 
     # --- queries ---
 

@@ -21,7 +21,7 @@ from ikservo.calibration.records import CalibratedCamera
 from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.files.public_source import public_source
-from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector, finite_vector
 from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import Model
@@ -32,7 +32,7 @@ from ikservo.planning.context import ArmContext
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SeenPoint:
+class SeenPoint(FrozenArrays):
     """The first point that a pixel sees.
 
     Attributes:
@@ -42,9 +42,6 @@ class SeenPoint:
 
     point_m: Vector
     thing: str | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class ArmCamera:

@@ -15,7 +15,7 @@ from ikservo.apps.cameras.camera_and_arm_fit import BoardSample, LensTerms
 from ikservo.apps.cameras.capture import open_capture
 from ikservo.errors import CalibrationError, InputError, PictureError
 from ikservo.files.public_source import public_source
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
 Picture = NDArray[np.uint8]
@@ -97,7 +97,7 @@ class LiveCamera:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Intrinsics:
+class Intrinsics(FrozenArrays):
     """The projection of a camera's lens.
 
     Attributes:
@@ -109,9 +109,6 @@ class Intrinsics:
     matrix: Matrix
     distortion: Vector
     size: tuple[int, int]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @classmethod
     def of_numbers(cls, numbers: Vector, size: tuple[int, int]) -> Intrinsics:
@@ -138,7 +135,7 @@ class Intrinsics:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoardView:
+class BoardView(FrozenArrays):
     """Corners of a board in a picture.
 
     Attributes:
@@ -150,9 +147,6 @@ class BoardView:
     ids: NDArray[np.int64]
     pixels: Matrix
     size: tuple[int, int]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def is_mirrored(board: Board, picture: Picture) -> bool:

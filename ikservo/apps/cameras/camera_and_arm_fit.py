@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
@@ -32,7 +32,7 @@ _Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LensTerms:
+class LensTerms(FrozenArrays):
     """Linearised information about the lens from the corners of a board in one picture.
 
     The six numbers are: focal length over width, minus 1; ratio of the vertical to the horizontal
@@ -55,12 +55,9 @@ class LensTerms:
     information: Matrix
     noise: Matrix
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoardSample:
+class BoardSample(FrozenArrays):
     """One view of the board on the gripper by a camera.
 
     Attributes:
@@ -74,9 +71,6 @@ class BoardSample:
     T_camera_board: Matrix
     name: str = ""
     lens: LensTerms | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class Extent(Enum):
@@ -180,7 +174,7 @@ class _State:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CameraFit:
+class CameraFit(FrozenArrays):
     """Camera, board and arm fitted to some samples.
 
     Attributes:
@@ -213,9 +207,6 @@ class CameraFit:
     asked: _Mask = field(repr=False)
     free: _Mask = field(repr=False)
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     def board_poses(self, q: Matrix) -> Matrix:
         """Compute the board's pose in the camera frame (n, 4, 4) at measured joints (n, dof)."""
         return self.T_camera_base @ self.tip_poses(q) @ self.T_tip_board
@@ -245,10 +236,8 @@ class CameraFit:
         """The estimates of the requested arm parameters."""
         chain, n = self.bending.dynamics.chain, len(self.zeros)
         values = np.concatenate([self.zeros, self.bending.compliance, self.bending.half_play])
-        deviations, priors = (
-            np.sqrt(np.diag(self.covariance))[_POSES:],
-            _priors(self.bending)[_POSES:],
-        )
+        deviations = np.sqrt(np.diag(self.covariance))[_POSES:]
+        priors = _priors(self.bending)[_POSES:]
         unit = ["rad" if kind is JointType.REVOLUTE else "m" for kind in chain.kinds]
         moved = ["rad/N m" if each == "rad" else "m/N" for each in unit]
         named = [
@@ -599,9 +588,7 @@ class _Problem:
             J[i, 2, 12] = -self._distance[i]
             e[i, 2] -= state.scale * self._distance[i]
             if sample.lens is not None:
-                by_lens = np.vstack(
-                    [turn @ sample.lens.by_lens[:3], turn @ sample.lens.by_lens[3:]]
-                )
+                by_lens = np.kron(np.eye(2), turn) @ sample.lens.by_lens
                 J[i, :, 13:_POSES] = -by_lens
                 e[i] -= by_lens @ (state.lens - sample.lens.at)
         return e, J

@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ikservo.apps.cameras.board import Board
-from ikservo.apps.cameras.board_detection import (
-    SAME_PICTURE,
-    BoardView,
-    Picture,
-    PictureSource,
-    find_board,
-)
-from ikservo.apps.cameras.camera_and_arm_fit import Extent
+from ikservo.apps.cameras.board_detection import BoardView, Picture, find_board
 from ikservo.apps.cameras.camera_calibration import (
     ESTIMATING,
     HAND_EXTENTS,
     LEAST_SHARE,
-    ArmBefore,
-    BoardPictures,
     CameraResult,
+    PictureCalibration,
     measured_joints,
 )
-from ikservo.apps.cameras.picture_folder import PictureFolder
-from ikservo.arm.arm import Arm
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
@@ -39,38 +27,17 @@ _WAIT_S = 60.0  # time-out for the next picture
 _PERIOD_S = 0.1
 
 
-class HandCalibration:
+class HandCalibration(PictureCalibration):
     """Calibration that takes pictures of the board on an arm that the user moves by hand.
 
     A picture is used if arm and board are still, and if a joint differs by 8° from every earlier
     picture. The calibration ends when it has the requested number of pictures, or, once it has
-    half of them, after a minute without another picture.
-
-    Args:
-        arm: The arm; its torque is off.
-        camera: The camera, which must not move.
-        board: The board on the gripper.
-        count: The number of pictures to use.
-        report: Receives a line about each picture, and the reason if the picture is not used.
-        extents: The parameters that may be estimated, from ``HAND_EXTENTS``.
-        folder: The folder in which to keep the pictures; None to keep none.
+    half of them, after a minute without another picture. The arm's torque is off; parameters from
+    ``HAND_EXTENTS`` may be estimated.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        camera: PictureSource,
-        board: Board,
-        count: int,
-        report: Callable[[str], None] = lambda _: None,
-        extents: Sequence[Extent] = HAND_EXTENTS,
-        folder: PictureFolder | None = None,
-    ) -> None:
-        self._extents = extents
-        self._arm, self._camera, self._report = arm, camera, report
-        self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
-        self._count, self._missed, self._last_error = count, 0, ""
-        self._last: Picture | None = None
+    _all_extents = HAND_EXTENTS
+    _last_error = ""
 
     def run(self) -> CameraResult:
         """Take pictures until there are enough, and estimate the camera and the zeros.
@@ -134,9 +101,7 @@ class HandCalibration:
     def _look(self) -> tuple[Picture, BoardView | None]:
         """Take a picture and find the board in it; report once why the board is not found."""
         picture = self._camera.take()
-        if self._last is not None and np.array_equal(picture, self._last):
-            raise PictureError(*SAME_PICTURE)
-        self._last = picture
+        self._require_new(picture)
         try:
             return picture, find_board(self._pictures.board, picture)
         except CalibrationError as error:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -247,18 +248,20 @@ class BoardPictures:
         return samples
 
 
-class CameraCalibration:
+class PictureCalibration:
     """Calibration of an arm and a camera from pictures of the board on the gripper.
 
     Args:
-        arm: The arm, with the board in front of the camera, near the middle of the picture.
+        arm: The arm.
         camera: The camera, which must not move.
         board: The board on the gripper.
-        count: The number of pictures to take.
-        report: Receives a line about each picture.
-        extents: The parameters that may be estimated.
+        count: The number of pictures to use.
+        report: Receives a line about each picture, and the reason if the picture is not used.
+        extents: The parameters that may be estimated; None: all that this calibration can estimate.
         folder: The folder in which to keep the pictures; None to keep none.
     """
+
+    _all_extents: ClassVar[Sequence[Extent]] = tuple(Extent)
 
     def __init__(
         self,
@@ -267,15 +270,29 @@ class CameraCalibration:
         board: Board,
         count: int,
         report: Callable[[str], None] = lambda _: None,
-        extents: Sequence[Extent] = tuple(Extent),
+        extents: Sequence[Extent] | None = None,
         folder: PictureFolder | None = None,
     ) -> None:
-        self._extents = extents
+        self._extents = extents or self._all_extents
         self._arm, self._camera, self._report = arm, camera, report
         self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
-        self._count, self._missed = count, 0
+        self._count = count
+        self._missed: int = 0
         self._began_s = arm.clock.now_s()
         self._last: Picture | None = None
+
+    def _require_new(self, picture: Picture) -> None:
+        """Refuse a picture that is the same as the last one."""
+        if self._last is not None and np.array_equal(picture, self._last):
+            raise PictureError(*SAME_PICTURE)
+        self._last = picture
+
+
+class CameraCalibration(PictureCalibration):
+    """Calibration by an arm that moves the board.
+
+    At the start, the board is in front of the camera, near the middle of the picture.
+    """
 
     def run(self) -> CameraResult:
         """Take the pictures, compute the estimate, and move the arm back to its start if possible.
@@ -364,9 +381,7 @@ class CameraCalibration:
                 "The brightness of the picture keeps changing.",
                 "Switch the camera's automatic exposure off.",
             )
-        if self._last is not None and np.array_equal(picture, self._last):
-            raise PictureError(*SAME_PICTURE)
-        self._last = picture
+        self._require_new(picture)
         return picture
 
     def _keep(self, picture: Picture) -> None:

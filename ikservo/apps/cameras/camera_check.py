@@ -10,7 +10,7 @@ import numpy as np
 from ikservo.apps.cameras.arm_camera import camera_key, camera_model, known_camera, size_error
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.board_detection import BoardView, PictureSource, board_pose, find_board
-from ikservo.apps.cameras.camera_calibration import seen_board
+from ikservo.apps.cameras.camera_calibration import measured_joints, seen_board
 from ikservo.apps.cameras.camera_file import CameraCheck, CameraFile, save_camera
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.arm.arm import Arm
@@ -166,9 +166,7 @@ def _seen(model: CameraModel, board: Board, view: BoardView) -> Matrix:
 
 
 def _tip_pose(arm: Arm) -> Matrix:
-    here = arm.where()
-    q = np.array([here[name].position_rad for name in arm.chain.names])
-    return arm.chain.forward(q)
+    return arm.chain.forward(measured_joints(arm.chain, arm.where()))
 
 
 def stored_pose(stored: SeenBoard) -> Matrix:

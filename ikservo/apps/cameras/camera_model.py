@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ikservo.apps.cameras.board_detection import Intrinsics
 from ikservo.errors import BadValueError
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.rays import Ray
 
 _WIDEST = 3.0  # tangent of the largest angle to the axis for which a lens is trusted
@@ -31,7 +31,7 @@ _MAX_OFF_PX = 0.1  # allowed reprojection error of a direction that was found
 
 
 @dataclass(frozen=True, eq=False)
-class CameraModel:
+class CameraModel(FrozenArrays):
     """A camera that is fixed in front of an arm.
 
     Attributes:
@@ -41,9 +41,6 @@ class CameraModel:
 
     lens: Intrinsics
     T_base_camera: Matrix
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
         """Compute pixels (…, 2) and depths [m] (…) of points (…, 3) in the base frame.

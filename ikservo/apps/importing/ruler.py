@@ -54,12 +54,10 @@ def parse_measured(text: str) -> RulerJoint:
     return RulerJoint(name, axis, length_m)
 
 
-def describe_measured(
-    name: str, joints: Sequence[RulerJoint], foot_m: float = _FOOT_M
-) -> Description:
-    """Describe an arm of given joints, base first, upright at zero; joint 1 is at ``foot_m``."""
-    links, moving = [_part("base", foot_m, 2.0 * _RADIUS_M)], list[UrdfJoint]()
-    height_m = foot_m
+def describe_measured(name: str, joints: Sequence[RulerJoint]) -> Description:
+    """Describe an arm of given joints, base first, upright at zero; joint 1 is at 0.05 m."""
+    links, moving = [_part("base", _FOOT_M, 2.0 * _RADIUS_M)], list[UrdfJoint]()
+    height_m = _FOOT_M
     for i, joint in enumerate(joints, start=1):
         links.append(_part(f"part_{i}", joint.length_m, _RADIUS_M))
         axis = AXES[joint.axis]

@@ -162,18 +162,14 @@ def statements(fields: Fields) -> list[str]:
 
 
 def _shortened(settings: Fields) -> list[str]:
-    short = {
-        f"{settings['cycles']} cycles of poses instead of {STANDARD_CYCLES}": settings["cycles"]
-        < STANDARD_CYCLES,
-        f"{settings['path_cycles']} cycles of paths instead of {STANDARD_PATH_CYCLES}": settings[
-            "path_cycles"
-        ]
-        < STANDARD_PATH_CYCLES,
-        f"drift over {_duration(settings['drift_s'])} instead of an hour": "drift"
-        in settings["parts"]
-        and settings["drift_s"] < STANDARD_DRIFT_S,
-    }
-    shorter = [text for text, is_short in short.items() if is_short]
+    shorter: list[str] = []
+    cycles, path_cycles, drift_s = (settings[key] for key in ("cycles", "path_cycles", "drift_s"))
+    if cycles < STANDARD_CYCLES:
+        shorter.append(f"{cycles} cycles of poses instead of {STANDARD_CYCLES}")
+    if path_cycles < STANDARD_PATH_CYCLES:
+        shorter.append(f"{path_cycles} cycles of paths instead of {STANDARD_PATH_CYCLES}")
+    if "drift" in settings["parts"] and drift_s < STANDARD_DRIFT_S:
+        shorter.append(f"drift over {_duration(drift_s)} instead of an hour")
     return [f"Shorter than ISO 9283 asks for: {'; '.join(shorter)}."] if shorter else []
 
 

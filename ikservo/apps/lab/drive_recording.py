@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 
 Cube = NDArray[np.float64]
 """Array with three axes: samples, joints, servos of each joint."""
@@ -20,7 +20,7 @@ _MIN_RAD_S = 0.04  # slower joints stick and slip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DriveRecording:
+class DriveRecording(FrozenArrays):
     """Samples of the chain's joints, and of up to ``most`` servos of each joint.
 
     Attributes:
@@ -47,9 +47,6 @@ class DriveRecording:
     current_a: Cube
     voltage_v: Cube
     goal_age_s: Matrix
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

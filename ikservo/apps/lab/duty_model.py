@@ -110,10 +110,6 @@ class DutyModel:
             noise=np.full(len(joints), _DUTY_NOISE),
         )
 
-    def with_prior(self, prior: ParameterPrior) -> DutyModel:
-        """Return the model with a different prior."""
-        return replace(self, prior=prior)
-
     def only(self, mask: NDArray[np.bool_]) -> DutyModel:
         """Return the model of the selected windows."""
         return replace(self, windows=self.windows.where(mask), gravity=self.gravity[mask])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +29,7 @@ def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
     Raises:
         BadValueError: There is no point, or the shape is wrong.
     """
-    points = _cluster(attained, 1)
+    points = _checked(attained, "points", 1)
     return float(np.linalg.norm(points.mean(axis=0) - np.asarray(commanded, dtype=np.float64)))
 
 
@@ -44,7 +45,7 @@ def pose_repeatability(attained: ArrayLike) -> float:
     Raises:
         BadValueError: There are fewer points, or the shape is wrong.
     """
-    points = _cluster(attained, 2)
+    points = _checked(attained, "points", 2)
     return float(_sphere_radii(points[:, None, :])[0])
 
 
@@ -59,7 +60,7 @@ def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
     Raises:
         BadValueError: There is only one direction, or a direction has no points.
     """
-    centres = [_cluster(points, 1).mean(axis=0) for points in clusters]
+    centres = [_checked(points, "points", 1).mean(axis=0) for points in clusters]
     if len(centres) < 2:
         raise BadValueError("The number of directions", len(centres), "two or more")
     return max(float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2))
@@ -79,7 +80,7 @@ def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
     Raises:
         BadValueError: There is no cycle, or a shape is wrong.
     """
-    paths = _paths(attained, 1)
+    paths = _checked(attained, "paths", 1)
     off = paths.mean(axis=0) - np.asarray(commanded, dtype=np.float64)
     return float(np.linalg.norm(off, axis=1).max())
 
@@ -96,7 +97,7 @@ def path_repeatability(attained: ArrayLike) -> float:
     Raises:
         BadValueError: There are fewer cycles, or the shape is wrong.
     """
-    return float(_sphere_radii(_paths(attained, 2)).max())
+    return float(_sphere_radii(_checked(attained, "paths", 2)).max())
 
 
 def largest_drift(values: Sequence[float]) -> float:
@@ -127,7 +128,7 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
     Raises:
         BadValueError: A plane is not crossed.
     """
-    path = _cluster(measured, 2)
+    path = _checked(measured, "points", 2)
     found: list[Vector] = []
     for point, tangent in zip(np.asarray(points), np.asarray(tangents), strict=True):
         side = (path - point) @ tangent
@@ -147,21 +148,10 @@ def _sphere_radii(clusters: Matrix) -> Vector:
     return distances.mean(axis=0) + 3.0 * distances.std(axis=0, ddof=1)
 
 
-def _cluster(points: ArrayLike, least: int) -> Matrix:
-    array = np.asarray(points, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != 3 or len(array) < least:
-        found = f"of shape {array.shape}"
-        raise BadValueError(
-            "The array of attained points", found, f"points (n, 3), n at least {least}"
-        )
-    return array
-
-
-def _paths(paths: ArrayLike, least: int) -> Matrix:
-    array = np.asarray(paths, dtype=np.float64)
-    if array.ndim != 3 or array.shape[2] != 3 or len(array) < least:
-        found = f"of shape {array.shape}"
-        raise BadValueError(
-            "The array of attained paths", found, f"paths (n, m, 3), n at least {least}"
-        )
+def _checked(attained: ArrayLike, what: Literal["points", "paths"], least: int) -> Matrix:
+    dimensions, shape = (2, "(n, 3)") if what == "points" else (3, "(n, m, 3)")
+    array = np.asarray(attained, dtype=np.float64)
+    if array.ndim != dimensions or array.shape[-1] != 3 or len(array) < least:
+        found, expected = f"of shape {array.shape}", f"{what} {shape}, n at least {least}"
+        raise BadValueError(f"The array of attained {what}", found, expected)
     return array

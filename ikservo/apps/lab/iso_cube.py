@@ -11,7 +11,7 @@ import numpy as np
 from ikservo.arm import OpenArm
 from ikservo.errors import RefusedError
 from ikservo.ik import Solver, Target
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.model.tool import tool_frame
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, solve_with_orientation
 
@@ -32,7 +32,7 @@ _STEPS, _MAX_STEP_RAD = 6, 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class IsoCube:
+class IsoCube(FrozenArrays):
     """A cube with edges along the axes of the base frame, and its test plane.
 
     The test plane contains two diagonally opposite edges along y; for an arm that moves in a plane,
@@ -47,9 +47,6 @@ class IsoCube:
     center_m: Vector
     edge_m: float
     is_planar: bool = False
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def along_m(self) -> Matrix:

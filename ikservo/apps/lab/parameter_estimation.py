@@ -15,7 +15,7 @@ parameter whose error stays near its prior is not determined.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,12 +134,11 @@ def identify(
         CalibrationError: A joint has not moved enough.
     """
     recording = sign_currents(recording, priors)
-    windows = _checked_windows(dynamics, recording)
-    loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
-    model = _make_model(dynamics, priors, windows, loops)
+    model, loops, found = _make_model(dynamics, priors, recording)
     x, fitted = _solve(model)
     covariance = _sandwich(fitted, x)
-    motors = _motors(dynamics, priors, windows)
+    pairs = zip(dynamics.chain.names, found, strict=True)
+    motors = {name: constants for name, constants in pairs if constants is not None}
     nominal = nominal_prior([(prior, None) for prior in priors], len(dynamics.bodies))
     validation = _validate(dynamics.chain.names, model, loops, nominal)
     for j, name in enumerate(dynamics.chain.names):
@@ -174,11 +173,9 @@ def identify_payload(
     Raises:
         CalibrationError: A joint has not moved enough.
     """
-    windows = _checked_windows(dynamics, sign_currents(recording, priors))
-    loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
-    model = _make_model(dynamics, priors, windows, loops)
+    model, _, _ = _make_model(dynamics, priors, sign_currents(recording, priors))
     if known is not None:
-        model = model.with_prior(_known_prior(known, model.prior))
+        model = replace(model, prior=_known_prior(known, model.prior))
     x, fitted = _solve(model)
     error = float(np.sqrt(_sandwich(fitted, x)[-1, -1]))
     return ParameterEstimate(float(x[-1]), error, float(model.prior.deviation[-1]))
@@ -197,24 +194,15 @@ def _checked_windows(dynamics: Dynamics, recording: DriveRecording) -> SteadyWin
 
 
 def _make_model(
-    dynamics: Dynamics,
-    priors: Sequence[JointPrior],
-    windows: SteadyWindows,
-    loops: Sequence[LoopFit],
-) -> DutyModel:
-    motors = _motors(dynamics, priors, windows)
-    joints = [
-        (prior, motors.get(name)) for name, prior in zip(dynamics.chain.names, priors, strict=True)
-    ]
-    return DutyModel.of(mean_duties(windows, loops), gravity_columns(dynamics, windows.q), joints)
-
-
-def _motors(
-    dynamics: Dynamics, priors: Sequence[JointPrior], windows: SteadyWindows
-) -> dict[str, MotorConstants]:
-    found = [fit_motors(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
-    pairs = zip(dynamics.chain.names, found, strict=True)
-    return {name: motors for name, motors in pairs if motors is not None}
+    dynamics: Dynamics, priors: Sequence[JointPrior], recording: DriveRecording
+) -> tuple[DutyModel, list[LoopFit], list[MotorConstants | None]]:
+    """Return the model of a recording, and the control loop and motors of each joint."""
+    windows = _checked_windows(dynamics, recording)
+    loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
+    motors = [fit_motors(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
+    duties, gravity = mean_duties(windows, loops), gravity_columns(dynamics, windows.q)
+    joints = list(zip(priors, motors, strict=True))
+    return DutyModel.of(duties, gravity, joints), loops, motors
 
 
 def _solve(model: DutyModel) -> tuple[Vector, DutyModel]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -79,10 +80,8 @@ def find_choices(given: Sequence[ArmAtPort] = (), port: str | None = None) -> Ar
 def _load_each(arms: Sequence[str | Path]) -> list[Model]:
     models: list[Model] = []
     for name in arms:
-        try:
+        with suppress(IkservoError):  # a damaged file hides only its own arm
             models.append(load_model(name))
-        except IkservoError:  # a damaged file hides only its own arm
-            continue
     return models
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -89,15 +90,8 @@ ArmListMessage = (
 _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
     Annotated[ArmListMessage, Field(discriminator="kind")]
 )
-
-
-def read_arm_list_message(text: str) -> ArmListMessage:
-    """Parse and validate a message from the page's list of arms.
-
-    Raises:
-        BadMessageError: The message is too long, not JSON, or not one of the messages above.
-    """
-    return validate_message(_MESSAGES, text)
+read_arm_list_message = partial(validate_message, _MESSAGES)
+"""Parse and validate a message from the page's list of arms."""
 
 
 class ArmList:

@@ -75,20 +75,15 @@ class SessionController:
     ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._cameras = cameras
-        self._arm = arm_thread.arm
-        self._interaction = Interaction(arm_thread.arm, clock)
-        self._planner = GoalPlanner(arm_thread.arm)
         self._fallback: StopNotice | None = None  # the reason why Live has ended
         self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
         self._lease = arm_thread.lease
-        self._camera_view = self._find_camera_view()
-        self._composer = FrameComposer(arm_thread, self._interaction, clock, self._camera_view)
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._app_panels = AppPanels(arm_thread, clock)
-        self._servos, self._offer = ServoPanel(arm_thread), MotionOffer(arm_thread)
+        self._servos, self._episodes = ServoPanel(arm_thread), episodes
         self._find_arm, self._add_other_arm = find_arm, add_other_arm
-        self._things, self._episodes = self._things_panel(), episodes
+        self._show_arm()
         self._clients: dict[int, Client] = {}
         self._hand_stamp: tuple[float, float] | None = None  # its time of the page, and of this one
         self._numbers = itertools.count(1)
@@ -335,10 +330,7 @@ class SessionController:
     def _handle_thing(self, message: ThingMessage, _client: Client) -> None:
         """Change the things around the arm."""
         self._require_ready()
-        if self._arm_thread.command.live:
-            raise BadMessageError(
-                "Things cannot be changed while the arm follows.", "Switch Live off first."
-            )
+        self._refuse_in_live("Things cannot be changed while the arm follows.")
         self._things.handle(message, self._arm_thread.snapshot.measured)
         self._interaction.set_things(self._arm.scene.things)
 
@@ -350,9 +342,7 @@ class SessionController:
             return
         if self._arm_thread.command.live:
             self._interaction.reset()
-            raise BadMessageError(
-                "Things cannot be changed while the arm follows.", "Switch Live off first."
-            )
+        self._refuse_in_live("Things cannot be changed while the arm follows.")
         self._things.show_moved(moved)
         if moved.is_dropped:
             try:
@@ -363,8 +353,7 @@ class SessionController:
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
         """Switch a servo's torque; drop the goal, because the start of its plan may change."""
         self._require_ready()
-        if self._arm_thread.command.live:
-            raise BadMessageError("Torque stays on while Live is on.", "Switch Live off first.")
+        self._refuse_in_live("Torque stays on while Live is on.")
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
@@ -407,10 +396,7 @@ class SessionController:
         if self._camera_view is None:
             raise BadMessageError("This needs a calibrated camera that sees the blocks.")
         self._arm.context.require_zeros()
-        if self._arm_thread.command.live:
-            raise BadMessageError(
-                "Nothing can be picked up while Live is on.", "Switch Live off first."
-            )
+        self._refuse_in_live("Nothing can be picked up while Live is on.")
         self._offer.request(self._circumstances())
         self._interaction.reset()
         camera = self._composer.camera(client)
@@ -499,6 +485,10 @@ class SessionController:
                 f"The arm is busy: {job.title}.", "Wait until it has ended, or stop it."
             )
 
+    def _refuse_in_live(self, reason: str) -> None:
+        if self._arm_thread.command.live:
+            raise BadMessageError(reason, "Switch Live off first.")
+
     def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
         """Handle pointer, wheel, key and gamepad messages; report a press that has no effect."""
         snapshot = self._arm_thread.snapshot
@@ -545,11 +535,7 @@ class SessionController:
             arm_thread.arm.context.require_zeros()
         self._fallback = None
         self._forget_targets()
-        session_id = (
-            arm_thread.command.session_id + 1
-            if on and not arm_thread.command.live
-            else arm_thread.command.session_id
-        )
+        session_id = arm_thread.command.session_id + (on and not arm_thread.command.live)
         arm_thread.post(replace(arm_thread.command, live=on, goal=None, session_id=session_id))
 
     def _handle_calibration(self, message: msg.CalibrationAnswer, _client: Client) -> None:
@@ -566,26 +552,27 @@ class SessionController:
     def _update_after_session(self) -> None:
         """Use the new ``Arm`` after a reopening, and reset the goal if the session has ended."""
         if self._arm_thread.arm is not self._arm:  # its limits may have changed
-            self._arm = self._arm_thread.arm
             self.close()
             self._interaction.hand.release()
             spent = self._interaction.hand.spent
-            self._interaction = Interaction(self._arm, self._clock)
+            self._show_arm()
             self._interaction.hand.spent = spent
-            self._planner, self._offer = GoalPlanner(self._arm), MotionOffer(self._arm_thread)
-            self._things = self._things_panel()
-            self._camera_view = self._find_camera_view()
-            self._composer = FrameComposer(
-                self._arm_thread, self._interaction, self._clock, self._camera_view
-            )
         command, snapshot = self._arm_thread.command, self._arm_thread.snapshot
         if command.live and snapshot.ended_session >= command.session_id:
             if not snapshot.stop_notice:
                 self._fallback = StopNotice("Live ended: the page did not answer.", _GO_LIVE_TEXT)
             self._stop_session()
 
-    def _things_panel(self) -> ThingsPanel:
-        return ThingsPanel(self._arm, self.downloads, self._find_arm, self._add_other_arm)
+    def _show_arm(self) -> None:
+        """Make everything that refers to the open arm."""
+        arm = self._arm = self._arm_thread.arm
+        self._interaction = Interaction(arm, self._clock)
+        self._planner, self._offer = GoalPlanner(arm), MotionOffer(self._arm_thread)
+        self._things = ThingsPanel(arm, self.downloads, self._find_arm, self._add_other_arm)
+        self._camera_view = self._find_camera_view()
+        self._composer = FrameComposer(
+            self._arm_thread, self._interaction, self._clock, self._camera_view
+        )
 
     def _find_camera_view(self) -> CameraView | None:
         """Find the view of the arm's camera; if there is none, report why clicks have no effect."""

@@ -290,7 +290,7 @@ class FrameComposer:
         picture = self.camera_view(client)
         if picture is not None:
             return picture.camera(client.viewport)
-        q = self._chain_joints(self._arm_thread.snapshot.measured)
+        q = self._index.chain_joints(self._arm_thread.snapshot.measured)
         yaw_rad = self.extent.yaw_rad(q) if client.view.name == "side" else 0.0
         return self._make_camera(client.view, client.viewport, yaw_rad)
 
@@ -317,11 +317,11 @@ class FrameComposer:
         now_s = self._clock.now_s()
         step = self._interaction.trace_step(now_s)
         snapshot, analysis = self._arm_thread.snapshot, None
-        q = self._chain_joints(snapshot.measured)
+        q = self._index.chain_joints(snapshot.measured)
         if client.viewport is not None:  # analyse the arm at rest, from the client's camera
             self._stillness = self._stillness.add_joints(now_s, q.tolist())
             idle = self._stillness.is_at_rest() and self._interaction.camera is None
-            others = self._other_positions(snapshot)
+            others = self._index.by_name(snapshot.measured)
             find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
             camera = self.camera(client)
             analysis = self._analyser.get(client.number, q, find_poses, camera, idle=idle)
@@ -329,10 +329,7 @@ class FrameComposer:
         status = status_frame(
             self._arm_thread, self._interaction, step, controller, now_s, posture, fallback
         )
-        if client.sent.get("status") == status:
-            return []
-        client.sent["status"] = status
-        return [status]
+        return client.unsent(status)
 
     def _scene_frames(self, client: Client) -> list[Frame]:
         """Return the scene if anything changed or the heartbeat is due."""
@@ -360,8 +357,8 @@ class FrameComposer:
         goal = interaction.drawn_goal
         state = SceneState(
             camera,
-            self._chain_joints(snapshot.measured),
-            goal=None if goal is None else self._chain_joints(goal),
+            self._index.chain_joints(snapshot.measured),
+            goal=None if goal is None else self._index.chain_joints(goal),
             path=interaction.path,
             is_choosing=interaction.is_choosing,
             marker=interaction.marker,
@@ -371,7 +368,7 @@ class FrameComposer:
             behind=interaction.chosen > 0,
             picked=interaction.picked_object,
             refused_pair=None if interaction.refusal is None else interaction.refusal.pair,
-            other_joints=self._other_positions(snapshot),
+            other_joints=self._index.by_name(snapshot.measured),
             goal_other_joints=None if goal is None else self._index.by_name(goal),
         )
         if snapshot.calibration is not None:
@@ -416,24 +413,15 @@ class FrameComposer:
 
     def _tip_plane(self, client: Client) -> SlicePlane | None:
         """Return the plane in which the tip is dragged; it contains the tip of the goal, if any."""
-        q = self._chain_joints(self._arm_thread.snapshot.measured)
+        q = self._index.chain_joints(self._arm_thread.snapshot.measured)
         picture = self.camera_view(client)
         if picture is not None:
             z_m = picture.plane_m(client.height_m)
             return slice_plane(self.extent, "top", q, lambda: np.array([0.0, 0.0, z_m]))
         name = "side" if client.webgl else client.view.name
-        return slice_plane(self.extent, name, q, partial(self._shown_tip_m, q))
-
-    def _shown_tip_m(self, q: Vector) -> Vector:
-        """Return the tip (3,) of the goal; without one, at joints (dof,)."""
-        goal = self._interaction.shown_goal
-        return self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
-
-    def _chain_joints(self, joints: Vector) -> Vector:
-        return self._index.chain_joints(joints)
-
-    def _other_positions(self, snapshot: ArmSnapshot) -> dict[str, float]:
-        return self._index.by_name(snapshot.measured)
+        goal, chain = self._interaction.shown_goal, self._arm_thread.arm.chain
+        shown = q if goal is None else goal
+        return slice_plane(self.extent, name, q, lambda: chain.forward(shown)[:3, 3])
 
     def _is_due(self, client: Client, kind: str, period_s: float, *, peek: bool = False) -> bool:
         now_s = self._clock.now_s()

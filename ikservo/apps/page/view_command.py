@@ -22,7 +22,7 @@ from ikservo.cli.completion import complete_arms
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.open_and_confirm import warn_uncompiled
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import MotionOptions, ServoConnection
+from ikservo.cli.options import MotionOptions, SceneOption, ServoConnection
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
@@ -75,10 +75,6 @@ Cameras = Annotated[
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
-Scene = Annotated[
-    Path | None,
-    typer.Option("--scene", metavar="FILE", help="TOML file with the things around the arm."),
-]
 Servos = Annotated[
     bool,
     typer.Option("--servos", help="Show registers, ids and backups of servos instead of an arm."),
@@ -108,7 +104,7 @@ def command(
     no_open: NoOpen = False,
     camera: Cameras = None,
     camera_name: CameraNameOption = "",
-    scene: Scene = None,
+    scene: SceneOption = None,
     servos: Servos = False,
     record: Record = None,
     task: TaskText = "",

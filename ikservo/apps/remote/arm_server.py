@@ -191,11 +191,11 @@ class ArmServer:
             case "disable_torque":
                 return self._arm.disable_torque()
             case "sample_plan":
-                of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
-                return encode_fields(self._plans.sample(of_plan.plan))
+                name = parse_arguments(OfPlan, request.arguments).plan
+                return encode_fields(self._plans.sample(name))
             case "plan":
-                of_motion = cast("OfMotion", parse_arguments(OfMotion, request.arguments))
-                return self._plans.add(self._arm.plan(of_motion.parse()))
+                motion = parse_arguments(OfMotion, request.arguments).parse()
+                return self._plans.add(self._arm.plan(motion))
             case _:
                 return self._move(service, request)
 
@@ -206,10 +206,9 @@ class ArmServer:
         if service in ("move", "execute"):
             moved: Any
             if service == "move":
-                moved = cast("OfMotion", parse_arguments(OfMotion, request.arguments)).parse()
+                moved = parse_arguments(OfMotion, request.arguments).parse()
             else:
-                of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
-                moved = self._plans.get(of_plan.plan)
+                moved = self._plans.get(parse_arguments(OfPlan, request.arguments).plan)
             with self.lease.motion(request.lease):
                 return self._arm.execute(moved, on_progress)
         if service in STREAMED:
@@ -250,7 +249,6 @@ class ArmServer:
 
     def _publish(self, topic: str, value: object) -> None:
         message = Announcement(
-            schema="ikservo/net/1",
             number=next(self._news_numbers),
             sent_s=self._clock.now_s(),
             value=encode_value(value),

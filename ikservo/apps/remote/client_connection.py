@@ -44,7 +44,6 @@ _SYNC_PERIOD_S = 10.0
 _MAX_ROUND_TRIP_S = 0.2  # largest round trip of the message that compares the clocks
 _QUICK_S, _LONG_S = 5.0, 3600.0
 _POLL_S = 0.05
-_SCHEMA = "ikservo/net/1"
 
 
 def lost_connection(address: str) -> PortLostError:
@@ -206,12 +205,7 @@ class Connection:
             RefusedError: This machine's certificate is not a certificate of an operator.
             IkservoError: The request failed on the server, or the connection is lost.
         """
-        self._require_open()
-        key = keys.drive(self.address.name, service)
-        answers = ask(self._session, key, self._request(arguments), _LONG_S)
-        if not answers:
-            raise self._not_allowed()
-        return result_of(answers[0][1])
+        return self._ask_without_lease(service, arguments, _LONG_S)
 
     def send_setpoint(self, **goal: object) -> None:
         """Send a heartbeat with or without a goal; see ``Setpoint``."""
@@ -219,7 +213,7 @@ class Connection:
             if not self._lease:
                 return
             setpoint = Setpoint.model_validate(
-                {"schema": _SCHEMA, "lease": self._lease, "number": next(self._numbers),
+                {"lease": self._lease, "number": next(self._numbers),
                  "sent_s": self._server_now_s(), **goal}
             )  # fmt: skip
             self._setpoints.put(encode(setpoint, MAX_SETPOINT_BYTES))  # pyright: ignore[reportUnknownMemberType]
@@ -233,13 +227,8 @@ class Connection:
         with self._lock:
             if self._lease:
                 return self._lease
-            self._require_open()
-            key = keys.drive(self.address.name, "lease")
-            request = self._request({"operator": who_asks()})
-            answers = ask(self._session, key, request, _QUICK_S)
-            if not answers:
-                raise self._not_allowed()
-            self._lease = parse_result(GrantedLease, result_of(answers[0][1])).lease
+            granted = self._ask_without_lease("lease", {"operator": who_asks()}, _QUICK_S)
+            self._lease = parse_result(GrantedLease, granted).lease
             token = keys.operator(self.address.name, keys.operator_token(self._lease))
             stack = ExitStack()
             stack.enter_context(self._session.liveliness().declare_token(token))
@@ -254,13 +243,19 @@ class Connection:
             self._lease_stack = stack
             return self._lease
 
-    def _not_allowed(self) -> RefusedError:
-        """Return the error for a request that the other end refuses."""
-        self.watch("clock")
-        return RefusedError(
-            f"{self.address} does not let this machine drive it.",
-            "With a watcher's certificate, an arm can only be watched and stopped.",
-        )
+    def _ask_without_lease(
+        self, service: str, arguments: Mapping[str, object], timeout_s: float
+    ) -> object:
+        self._require_open()
+        key = keys.drive(self.address.name, service)
+        answers = ask(self._session, key, self._request(arguments), timeout_s)
+        if not answers:
+            self.watch("clock")  # raises if the link is cut
+            raise RefusedError(
+                f"{self.address} does not let this machine drive it.",
+                "With a watcher's certificate, an arm can only be watched and stopped.",
+            )
+        return result_of(answers[0][1])
 
     def release(self) -> None:
         """Release the lease if this program has it."""
@@ -342,7 +337,6 @@ class Connection:
     ) -> bytes:
         return encode(
             ServiceRequest(
-                schema=_SCHEMA,
                 lease=lease,
                 number=number,
                 sent_s=self._server_now_s(),

@@ -67,7 +67,7 @@ def _place(host: Endpoint) -> str:
 
 
 def _read_host(host: Endpoint) -> list[FleetArm]:
-    request = encode(ServiceRequest(schema="ikservo/net/1"))
+    request = encode(ServiceRequest())
     rows: list[FleetArm] = []
     with open_client([host], client_certificate(host)) as session:
         for name in served_names(session, _TIMEOUT_S):

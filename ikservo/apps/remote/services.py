@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
@@ -28,6 +28,9 @@ class Arguments(BaseModel):
     def given(self) -> dict[str, Any]:
         """Return the given arguments by name."""
         return {name: getattr(self, name) for name in self.model_fields_set}
+
+
+_A = TypeVar("_A", bound=Arguments)
 
 
 class Nothing(Arguments):
@@ -102,7 +105,7 @@ class Service:
     reports_progress: bool = False
 
 
-def parse_arguments(kind: type[Arguments], given: Mapping[str, JsonValue]) -> Arguments:
+def parse_arguments(kind: type[_A], given: Mapping[str, JsonValue]) -> _A:
     """Parse the arguments of a request.
 
     Raises:

@@ -47,7 +47,7 @@ class ServiceRequest(_NetworkMessage):
         arguments: The arguments of the service.
     """
 
-    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["ikservo/net/1"] = Field(default=SCHEMA, alias="schema")
     lease: Lease = ""
     number: Number = 0
     sent_s: Seconds = 0.0
@@ -63,7 +63,7 @@ class ServiceReply(_NetworkMessage):
         error: The error if there is no result; see ``error_fields``.
     """
 
-    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["ikservo/net/1"] = Field(default=SCHEMA, alias="schema")
     result: JsonValue = None
     error: dict[str, JsonValue] | None = None
 
@@ -119,7 +119,7 @@ class Setpoint(_NetworkMessage):
         target: The goal as a target, instead of joint positions.
     """
 
-    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["ikservo/net/1"] = Field(default=SCHEMA, alias="schema")
     lease: Lease
     number: Number
     sent_s: Seconds
@@ -138,7 +138,7 @@ class Announcement(_NetworkMessage):
         value: See ``encode_value``.
     """
 
-    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    schema_: Literal["ikservo/net/1"] = Field(default=SCHEMA, alias="schema")
     number: Number
     sent_s: Seconds
     value: JsonValue = None
@@ -227,12 +227,12 @@ def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
 
 def encode_result(result: object) -> bytes:
     """Encode a reply with a result."""
-    return encode(ServiceReply(schema=SCHEMA, result=encode_value(result)), MAX_REPLY_BYTES)
+    return encode(ServiceReply(result=encode_value(result)), MAX_REPLY_BYTES)
 
 
 def encode_failure(error: BaseException) -> bytes:
     """Encode a reply with an error."""
-    return encode(ServiceReply(schema=SCHEMA, error=error_fields(error)), MAX_REPLY_BYTES)
+    return encode(ServiceReply(error=error_fields(error)), MAX_REPLY_BYTES)
 
 
 def result_of(data: bytes) -> object:

@@ -11,7 +11,6 @@ from ikservo.apps.remote.remote_arm import RemoteArm
 from ikservo.apps.remote.remote_stop import FLEET_VARIABLE, stop_address, stop_listed_machines
 from ikservo.arm import OnExit, OpenArm
 from ikservo.model import Model
-from ikservo.serving.control_client import StopAllResult, StopResult
 
 
 def connect(address: ArmAddress) -> Connection:
@@ -41,18 +40,8 @@ class ZenohNetwork:
             connection.close()
             raise
 
-    def stop_arm(self, address: str) -> StopResult:
-        """Stop the arm at an address, whoever controls it.
-
-        Raises:
-            BadValueError: The text is not an address.
-            PortError: The arm cannot be reached, or has not confirmed the stop.
-        """
-        return stop_address(address)
-
-    def stop_all_arms(self) -> StopAllResult:
-        """Stop every arm on the machines in ``IKSERVO_FLEET`` and on this machine."""
-        return stop_listed_machines()
+    stop_arm = staticmethod(stop_address)
+    stop_all_arms = staticmethod(stop_listed_machines)
 
 
 NETWORK = ZenohNetwork()

@@ -10,10 +10,10 @@ import socket
 import ssl
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import Endpoint
@@ -40,10 +40,9 @@ class Certificate:
     key: Path
 
 
-@contextmanager
 def open_server(
     listen: Endpoint, certificate: Certificate | None, access: Mapping[str, object] | None
-) -> Generator[zenoh.Session]:
+) -> AbstractContextManager[zenoh.Session]:
     """Listen at an endpoint in the ``with`` block; TLS needs a certificate and access control.
 
     Raises:
@@ -54,21 +53,13 @@ def open_server(
     if access is not None:
         config["access_control"] = access
     if certificate is not None:
-        config["transport/link/tls"] = {
-            "root_ca_certificate": str(certificate.authority),
-            "listen_certificate": str(certificate.certificate),
-            "listen_private_key": str(certificate.key),
-            "enable_mtls": True,
-            "close_link_on_expiration": True,
-        }
-    with _opened(config, f"Cannot listen at {listen}", "Choose another endpoint.") as session:
-        yield session
+        config["transport/link/tls"] = _tls_settings(certificate, "listen")
+    return _opened(config, f"Cannot listen at {listen}", "Choose another endpoint.")
 
 
-@contextmanager
 def open_client(
     connect: Sequence[Endpoint], certificate: Certificate | None
-) -> Generator[zenoh.Session]:
+) -> AbstractContextManager[zenoh.Session]:
     """Connect to an endpoint; the session is closed at the end of the block.
 
     Raises:
@@ -78,14 +69,12 @@ def open_client(
     config = _client_settings(connect, certificate)
     hint = "Is `ikservo serve` running there, and reachable? Were both certificates made together?"
     place = ", ".join(map(str, connect))
-    with _opened(config, f"No arm can be reached at {place}", hint) as session:
-        yield session
+    return _opened(config, f"No arm can be reached at {place}", hint)
 
 
-@contextmanager
 def open_router_client(
     router: Endpoint, certificate: Certificate | None
-) -> Generator[zenoh.Session]:
+) -> AbstractContextManager[zenoh.Session]:
     """Connect to the Zenoh router of ROS 2; the session is closed at the end of the block.
 
     Raises:
@@ -95,8 +84,7 @@ def open_router_client(
     config = _client_settings([router], certificate)
     config |= {"mode": "client", "timestamping/enabled": True}  # a publisher's cache needs it
     hint = "Start it: ros2 run rmw_zenoh_cpp rmw_zenohd. Elsewhere: --router tcp/HOST:7447"
-    with _opened(config, f"No ROS 2 Zenoh router found at {router}", hint) as session:
-        yield session
+    return _opened(config, f"No ROS 2 Zenoh router found at {router}", hint)
 
 
 def _client_settings(
@@ -109,26 +97,27 @@ def _client_settings(
         "connect/exit_on_failure": True,
     }
     if certificate is not None:
-        config["transport/link/tls"] = {
-            "root_ca_certificate": str(certificate.authority),
-            "connect_certificate": str(certificate.certificate),
-            "connect_private_key": str(certificate.key),
-            "enable_mtls": True,
-            "verify_name_on_connect": True,
-            "close_link_on_expiration": True,
-        }
+        tls = _tls_settings(certificate, "connect")
+        config["transport/link/tls"] = {**tls, "verify_name_on_connect": True}
     return config
+
+
+def _tls_settings(certificate: Certificate, end: Literal["listen", "connect"]) -> dict[str, object]:
+    return {
+        "root_ca_certificate": str(certificate.authority),
+        f"{end}_certificate": str(certificate.certificate),
+        f"{end}_private_key": str(certificate.key),
+        "enable_mtls": True,
+        "close_link_on_expiration": True,
+    }
 
 
 def ask(
     session: zenoh.Session, key: str, payload: bytes, timeout_s: float
 ) -> list[tuple[str, bytes]]:
     """Send a request; return the key and payload of each answer that arrives in time."""
-    answers: list[tuple[str, bytes]] = []
-    for reply in session.get(key, payload=payload, timeout=timeout_s):
-        if reply.ok is not None:
-            answers.append((str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
-    return answers
+    answers = (reply.ok for reply in session.get(key, payload=payload, timeout=timeout_s))
+    return [(str(ok.key_expr), ok.payload.to_bytes()) for ok in answers if ok is not None]
 
 
 def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from ikservo.files.reading import parse_json, read_text
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.remedies import install_command
 
 COLUMNS: Mapping[str, str] = {"state": "observation.state", "action": "action"}
@@ -26,7 +26,7 @@ _SUFFIX = ".pos"  # end of the name of a joint's value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Episode:
+class Episode(FrozenArrays):
     """One episode.
 
     Attributes:
@@ -38,9 +38,6 @@ class Episode:
     number: int
     times_s: Vector
     values: Matrix
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,12 +52,9 @@ class HandGuiding:
     def __init__(self, context: ArmContext, feed_forward: FeedForward, goals: Vector) -> None:
         self._context, self._feed_forward = context, feed_forward
         self._moved_by_hand = context.servos.compensator.corrects
-        horns = np.array(
-            [driven.joint_map.unit_per_horn_rad for driven in context.servos.driven_joints]
-        )
-        ticks = np.array(
-            [driven.joint_map.unit_per_tick for driven in context.servos.driven_joints]
-        )
+        maps = [driven.joint_map for driven in context.servos.driven_joints]
+        horns = np.array([each.unit_per_horn_rad for each in maps])
+        ticks = np.array([each.unit_per_tick for each in maps])
         self._tolerance, self._unloaded_tolerance = ANCHOR_RAD * horns, ANCHOR_RAD * horns
         columns = list(feed_forward.columns)
         self._unloaded_tolerance[columns] = np.clip(

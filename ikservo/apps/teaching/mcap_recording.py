@@ -12,11 +12,12 @@ import json
 import platform
 import time
 from array import array
-from collections.abc import Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
@@ -198,23 +199,14 @@ class McapFile:
         finally:
             self._target.finish()
 
-    def _naming_the_file(self) -> _NamingTheFile:
-        return _NamingTheFile(self._target)
-
-
-class _NamingTheFile:
-    """Conversion of a system error to an error that names the file."""
-
-    def __init__(self, target: RecordingFile) -> None:
-        self._target = target
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(
-        self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
-    ) -> None:
-        if isinstance(error, OSError) and not isinstance(error, IkservoError):
+    @contextmanager
+    def _naming_the_file(self) -> Generator[None]:
+        """Convert a system error to an error that names the file."""
+        try:
+            yield
+        except OSError as error:
+            if isinstance(error, IkservoError):
+                raise
             raise self._target.failed(error) from error
 
 
@@ -288,15 +280,6 @@ class RosRecordingWriter:
 # reading
 
 
-def read_calibration_text(path: Path) -> str | None:
-    """Return the calibration that is attached to a recording; None if it has none.
-
-    Raises:
-        FileFormatError: The file is not an MCAP file.
-    """
-    return read_attachment(path, CALIBRATION_FILE)
-
-
 def read_attachment(path: Path, name: str) -> str | None:
     """Read the text of an attachment of an MCAP file; None if it is missing.
 
@@ -312,6 +295,10 @@ def read_attachment(path: Path, name: str) -> str | None:
             except UnicodeDecodeError:
                 raise FileFormatError(path, name, "is not text in UTF-8") from None
     return None
+
+
+read_calibration_text = partial(read_attachment, name=CALIBRATION_FILE)
+"""Read the calibration that is attached to a recording; None if it has none."""
 
 
 def read_mcap(path: Path) -> Recording:

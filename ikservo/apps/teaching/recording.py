@@ -29,7 +29,7 @@ from ikservo.control.joint_reading import JointState
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json, require_file
 from ikservo.files.writing import FileWriteError
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.motion.sampled_trajectory import SampledTrajectory
 
 SCHEMA = "ikservo/recording/1"
@@ -54,7 +54,7 @@ class RecordingHeader:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recording:
+class Recording(FrozenArrays):
     """A recording that was read from a file.
 
     Attributes:
@@ -68,9 +68,6 @@ class Recording:
     times_s: Vector
     joints: Matrix
     first_line: int | None = 2
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def place(self, index: int | None) -> str:
         """Return the place of a sample in the file, or of the header for None."""
@@ -101,7 +98,7 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArmSample:
+class ArmSample(FrozenArrays):
     """The state of an arm at one instant.
 
     Attributes:
@@ -116,18 +113,14 @@ class ArmSample:
     states: tuple[JointState, ...] = ()
     stopped_for: str = ""
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     @classmethod
-    def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:
+    def of_states(cls, states: tuple[JointState, ...]) -> ArmSample:
         """Make a sample from the states of all joints."""
         goals = [state.goal_rad for state in states]
         return cls(
             np.array([state.position_rad for state in states]),
             None if None in goals else np.array(goals, dtype=np.float64),
             states,
-            stopped_for,
         )
 
 

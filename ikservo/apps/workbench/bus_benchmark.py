@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
-from ikservo.apps.workbench.line_quality import MeteredTransport
+from ikservo.apps.workbench.line_quality import MeteredTransport, sorted_quantile
 from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
@@ -69,7 +69,7 @@ class BusTiming:
 
     def cycle_s(self, quantile: float) -> float:
         """Return a quantile of the cycles' durations, seconds."""
-        return _sorted_quantile(self.cycles_s, quantile)
+        return sorted_quantile(self.cycles_s, quantile)
 
 
 def benchmark_bus(
@@ -137,7 +137,7 @@ class _Benchmark:
             took.append((bus_s + host_s if self._virtual else bus_s, host_s))
             on_progress(what, count)
         cycles_s = tuple(sorted(cycle_s for cycle_s, _ in took))
-        median_s = _sorted_quantile(sorted(host_s for _, host_s in took), 0.5)
+        median_s = sorted_quantile(sorted(host_s for _, host_s in took), 0.5)
         return BusTiming(what, cycles_s, median_s, wire_s, sent, received, self.lost)
 
     def _run_cycle(self, names: Sequence[RegisterName]) -> None:
@@ -160,7 +160,3 @@ class _Benchmark:
         families = {self._bus.servos[i].table.family for i in self._ids}
         header = b"\xff\xff\xfd\x00" if families == {Family.DYNAMIXEL_2} else b"\xff\xff"
         return received.count(header) * mean_s
-
-
-def _sorted_quantile(ascending: Sequence[float], quantile: float) -> float:
-    return ascending[min(int(quantile * len(ascending)), len(ascending) - 1)]

@@ -16,7 +16,7 @@ from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import BadValueError, BlockedError, InputError, RefusedError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoint
 from ikservo.planning.context import ArmContext
 from ikservo.registers import Register
@@ -36,7 +36,7 @@ _FRACTIONS = (32, 16, 8)  # divisors of the highest gain, tried if the present g
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StepResponse:
+class StepResponse(FrozenArrays):
     """Response of a joint to a quick motion back and forth, without corrections by ikservo.
 
     Attributes:
@@ -50,9 +50,6 @@ class StepResponse:
     goal_rad: Vector
     position_rad: Vector
     ends_s: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def overshoot_rad(self) -> float:
@@ -107,12 +104,10 @@ class StepResponse:
         return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
 
     def _judged(self, end_s: float) -> slice:
-        first, last = np.searchsorted(self.time_s, (end_s + REST_S - _JUDGED_S, end_s + REST_S))
-        return slice(int(first), max(int(last), int(first) + 1))
+        return _rows_between(self.time_s, end_s + REST_S - _JUDGED_S, end_s + REST_S)
 
     def _rest(self, end_s: float) -> slice:
-        first, last = np.searchsorted(self.time_s, (end_s, end_s + REST_S))
-        return slice(int(first), max(int(last), int(first) + 1))
+        return _rows_between(self.time_s, end_s, end_s + REST_S)
 
     def _beyond_rest(self) -> list[Vector]:
         """Return the distances of the joint beyond its rest position, after each motion."""
@@ -222,8 +217,13 @@ def record_joint(
 
 def swing_at_rest(time_s: Vector, position_rad: Vector, end_s: float) -> float:
     """Compute the peak-to-peak motion of a joint in the last half second of a rest."""
-    first, last = np.searchsorted(time_s, (end_s - _JUDGED_S, end_s))
-    return float(np.ptp(position_rad[first : max(last, first + 1)]))
+    return float(np.ptp(position_rad[_rows_between(time_s, end_s - _JUDGED_S, end_s)]))
+
+
+def _rows_between(time_s: Vector, start_s: float, end_s: float) -> slice:
+    """Return the rows from one time to another, at least one."""
+    first, last = np.searchsorted(time_s, (start_s, end_s))
+    return slice(int(first), max(int(last), int(first) + 1))
 
 
 def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:

@@ -328,16 +328,16 @@ def _places_of(found: Sequence[FoundServo]) -> list[tuple[int, int, bool]]:
 
 def _timeout_error(port: Port, last: Sequence[FoundServo], wait_s: float) -> ServoSilentError:
     """Return an error that names the servos that replied last, if any."""
+    hint = "Check its plug and its power supply."
     if not last:
         rates = len(candidate_baud_rates())
         found = f"has no servo within {wait_s:.0f} s (all ids, {rates} baud rates)"
-        return ServoSilentError(found, "Check its plug and its power supply.", port=port.name)
-    if len(last) == 1 and not last[0].shares_id:
+    elif len(last) == 1 and not last[0].shares_id:
         found = f"has {last[0]}, which did not answer reliably for {wait_s:.0f} s"
-        return ServoSilentError(found, "Check its plug and its power supply.", port=port.name)
-    what = "several servos that share one id" if len(last) == 1 else f"{len(last)} servos"
-    hint = "Leave only one servo plugged in; otherwise the others would be changed, too."
-    found = f"had {what} for {wait_s:.0f} s; only one at a time can be set up"
+    else:
+        what = "several servos that share one id" if len(last) == 1 else f"{len(last)} servos"
+        hint = "Leave only one servo plugged in; otherwise the others would be changed, too."
+        found = f"had {what} for {wait_s:.0f} s; only one at a time can be set up"
     return ServoSilentError(found, hint, port=port.name)
 
 

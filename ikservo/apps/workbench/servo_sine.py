@@ -16,7 +16,7 @@ from ikservo.apps.workbench.gain_search import (
 )
 from ikservo.arm.arm import Arm
 from ikservo.errors import BadValueError, RefusedError
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.motion import TrajectoryPoint
 
 DEFAULT_AMPLITUDE_RAD = math.radians(2.0)
@@ -90,7 +90,7 @@ class SineMotion:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SineResponse:
+class SineResponse(FrozenArrays):
     """Response of a joint to a sine, without corrections by ikservo.
 
     Attributes:
@@ -104,9 +104,6 @@ class SineResponse:
     goal_rad: Vector
     position_rad: Vector
     sine: SineMotion
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def points(self) -> list[FrequencyPoint]:

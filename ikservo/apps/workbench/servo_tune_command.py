@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 from ikservo.apps.workbench.gain_search import (
     DEFAULT_STEP_RAD,
@@ -26,43 +27,24 @@ from ikservo.errors import BadValueError, InputError
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
+
+def _format_degrees(angle_rad: float) -> str:
+    return f"{math.degrees(angle_rad):.2f}°"
+
+
+def _response(key: str, label: str, form: Callable[[float], str]) -> Field[Trial]:
+    """Return the field of a value of the response, such as ``lag_s``."""
+    value = attrgetter(f"response.{key}")
+    return Field(key, label, lambda one: form(value(one)), value)
+
+
 _FIELDS: Fields[Trial] = (
-    Field(
-        "gains",
-        "gains",
-        lambda one: _format_gains(one.gains),
-        lambda one: _named(one.gains),
-    ),
-    Field(
-        "overshoot_rad",
-        "overshoot",
-        lambda one: _format_degrees(one.response.overshoot_rad),
-        lambda one: one.response.overshoot_rad,
-    ),
-    Field(
-        "settling_s",
-        "settling",
-        lambda one: f"{one.response.settling_s:.2f} s",
-        lambda one: one.response.settling_s,
-    ),
-    Field(
-        "steady_error_rad",
-        "short of goal",
-        lambda one: _format_degrees(one.response.steady_error_rad),
-        lambda one: one.response.steady_error_rad,
-    ),
-    Field(
-        "swing_rad",
-        "swings by",
-        lambda one: _format_degrees(one.response.swing_rad),
-        lambda one: one.response.swing_rad,
-    ),
-    Field(
-        "lag_s",
-        "lag",
-        lambda one: f"{1000 * one.response.lag_s:.0f} ms",
-        lambda one: one.response.lag_s,
-    ),
+    Field("gains", "gains", lambda one: _format_gains(one.gains), lambda one: _named(one.gains)),
+    _response("overshoot_rad", "overshoot", _format_degrees),
+    _response("settling_s", "settling", "{:.2f} s".format),
+    _response("steady_error_rad", "short of goal", _format_degrees),
+    _response("swing_rad", "swings by", _format_degrees),
+    _response("lag_s", "lag", lambda lag_s: f"{1000 * lag_s:.0f} ms"),
 )
 
 
@@ -90,10 +72,6 @@ def _named(gains: Mapping[Register, int]) -> dict[str, int]:
 
 def _format_gains(gains: Mapping[Register, int]) -> str:
     return ", ".join(f"{register} {raw}" for register, raw in gains.items())
-
-
-def _format_degrees(angle_rad: float) -> str:
-    return f"{math.degrees(angle_rad):.2f}°"
 
 
 def tune_joint(

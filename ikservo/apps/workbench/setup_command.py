@@ -15,7 +15,7 @@ from ikservo.apps.workbench.commissioning import (
     remaining_settings,
 )
 from ikservo.apps.workbench.eeprom_restore import plan_restoration
-from ikservo.apps.workbench.servo_command import restore_backup
+from ikservo.apps.workbench.servo_command import OtherModel, restore_backup
 from ikservo.apps.workbench.servo_workbench import open_servos
 from ikservo.cli.options import JsonOption, ServoPortOption
 from ikservo.cli.quantities import parse_time_s
@@ -65,9 +65,7 @@ class RestoreOptions:
             help="Restore to this servo (joint or id), even if its id differs.",
         ),
     ] = None
-    other_model: Annotated[
-        bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
-    ] = False
+    other_model: OtherModel = False
 
 
 def command(

@@ -14,6 +14,9 @@ from ikservo.apps.page.messages.page_messages import RecordEpisode
 from ikservo.apps.page.panels import episode_panel
 from ikservo.apps.page.panels.episode_panel import EpisodeFolder, EpisodePanel
 from ikservo.apps.page.panels.video import VideoSource
+from ikservo.apps.page.picking.viewpoints import Viewpoint
+from ikservo.apps.page.server.auth import Permission
+from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.teaching.dataset_reading import read_dataset
 from ikservo.clock import RealClock
 from ikservo.errors import InputError
@@ -70,7 +73,8 @@ class Page:
         self.panel.handle(RecordEpisode(kind="record_episode", seq=1, seen=0, action=action))
 
     def fields(self):
-        return self.panel.frames(SimpleNamespace(sent={}))[0]
+        page = Client(1, Permission.CONTROL, Viewpoint("side"))
+        return self.panel.frames(page)[0]
 
     def until(self, state, seconds=0.0):
         end_s = time.monotonic() + WITHIN_S

@@ -13,7 +13,7 @@ from ikservo.kinematics.arrays import Vector
 
 _FULL_TRAVEL_S = 1.5  # time from closed to open
 _LEAD_FRACTION = 0.06  # largest lead of a blocked gripper, as a fraction of its range
-_MAX_GRIP_STEP_S = 0.1  # a longer gap between two messages counts as released
+_MAX_STEP_S = 0.1  # a longer gap between two messages counts as released
 
 
 class GripperControl:
@@ -39,7 +39,7 @@ class GripperControl:
         ``measured`` joints (n,) only a little, so that the jaws do not press hard. In the preview,
         ``measured`` is None, and the lead is not limited.
         """
-        elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_GRIP_STEP_S), now_s
+        elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_STEP_S), now_s
         if not grip:
             return None
         travel = self._closed - self._opened
@@ -64,7 +64,6 @@ def gripper_control(arm: Arm) -> GripperControl | None:
 
 
 _SPEED_M_S = 0.12
-_MAX_STICK_STEP_S = 0.1  # a longer gap between two messages counts as released
 _LEAD_M = 0.05  # largest lead of the target if the arm cannot follow
 
 
@@ -87,9 +86,9 @@ class GamepadControl:
         if not (x or y or towards):
             self._target_m = None
             return None
-        if self._target_m is None or elapsed_s > _MAX_STICK_STEP_S:
+        if self._target_m is None or elapsed_s > _MAX_STEP_S:
             self._target_m = tip_m
-            elapsed_s = min(elapsed_s, _MAX_STICK_STEP_S)
+            elapsed_s = min(elapsed_s, _MAX_STEP_S)
         step = camera.R_world_view @ np.array([x, y, -towards]) * (_SPEED_M_S * elapsed_s)
         target = self._target_m + step
         lead = target - tip_m

@@ -141,9 +141,8 @@ class Interaction:
 
     def reset(self) -> None:
         """Cancel the drag and drop the goal: the arm holds."""
-        self._end_drag()
-        self.hand.release()
-        self._command = self.goal = self.marker = self.path = self.solver_trace = None
+        self.finish_target()
+        self.goal = self.marker = self.path = self.solver_trace = None
         self.revision += 1
         self.resets += 1
 
@@ -249,7 +248,8 @@ class Interaction:
         return self._ranges.fields()
 
     def _goal_or_rest(self, snapshot: ArmSnapshot) -> Vector:
-        return self._resting_joints(snapshot) if self.goal is None else self.goal
+        resting = snapshot.measured if snapshot.reference is None else snapshot.reference
+        return resting if self.goal is None else self.goal
 
     def _set_tool_goal(self, snapshot: ArmSnapshot, q: Vector, marker: TargetMarker) -> None:
         self._set_goal(self._index.with_chain(self._goal_or_rest(snapshot), q), snapshot, "tool")
@@ -273,13 +273,10 @@ class Interaction:
 
     def finish_target(self) -> None:
         """End a drag and its solver, and open the hand's clutch; the goal stays as shown."""
-        self._end_drag()
-        self.hand.release()
-        self._command = None
-
-    def _end_drag(self) -> None:
         self._drag.cancel()
         self._tool_drag.release()
+        self.hand.release()
+        self._command = None
 
     def _restore(self, past: PastGoal) -> None:
         self.reset()
@@ -412,9 +409,6 @@ class Interaction:
         other_joints = self._index.by_name(snapshot.measured)
         return PointerContext(camera, arms, plane_m, other_joints, surface)
 
-    def _resting_joints(self, snapshot: ArmSnapshot) -> Vector:
-        return snapshot.measured if snapshot.reference is None else snapshot.reference
-
     def _command_from(
         self, message: Message, context: PointerContext, now_s: float
     ) -> DragCommand | None:
@@ -480,7 +474,7 @@ class Interaction:
         command = self._command
         if command is None:
             return
-        goal = self._resting_joints(snapshot) if self.goal is None else self.goal
+        goal = self._goal_or_rest(snapshot)
         start_s = time.perf_counter()
         q = self._index.chain_joints(goal)
         if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:

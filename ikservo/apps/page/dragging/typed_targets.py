@@ -65,9 +65,7 @@ class JointRanges:
         position = min(max(wanted, self._lower[column]), self._upper[column])
         if abs(position - wanted) > slack:
             raise InputError(self._describe_limit(column, value), _STAYS)
-        q = goal.copy()
-        q[column] = position
-        return q
+        return self._index.with_position(goal, joint, position)
 
     def stepped(self, goal: Vector, joint: str, step: float) -> Vector:
         """Return the goal (n,) with one joint moved by a step, at most to its limit.
@@ -83,9 +81,7 @@ class JointRanges:
         if (position - at) * step <= 0.0:
             wanted = self.to_shown(column, at + by)
             raise InputError(self._describe_limit(column, wanted), _STAYS)
-        q = goal.copy()
-        q[column] = position
-        return q
+        return self._index.with_position(goal, joint, position)
 
     def _describe_limit(self, column: int, value: float) -> str:
         unit = " mm" if self._prismatic[column] else "°"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
@@ -447,29 +448,10 @@ Message = (
 )
 
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
-_HELLO = TypeAdapter(Hello)
-
-
-def read_hello(text: str) -> Hello:
-    """Parse the first message on a connection.
-
-    Raises:
-        BadMessageError: The message is not a valid ``Hello``.
-    """
-    return validate_message(_HELLO, text)
-
-
-def read_message(text: str) -> Message:
-    """Parse and validate a message; every number of the result is inside its bounds.
-
-    Raises:
-        BadMessageError: The message is too long, not JSON, or not one of the messages above.
-    """
-    return validate_message(_MESSAGES, text)
 
 
 def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
-    """Parse and validate a message of any kind.
+    """Parse and validate a message; every number of the result is inside its bounds.
 
     Raises:
         BadMessageError: The message is too long, not JSON, or of another kind.
@@ -483,3 +465,10 @@ def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
     except ValidationError as error:
         where, why = first_mistake(error)
         raise BadMessageError(f"The message cannot be used: {where} {why}.") from None
+
+
+read_hello = partial(validate_message, TypeAdapter(Hello))
+"""Parse the first message on a connection."""
+
+read_message = partial(validate_message, _MESSAGES)
+"""Parse any later message."""

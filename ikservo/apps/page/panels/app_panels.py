@@ -76,10 +76,9 @@ class AppPanels:
             {"heading": name, "rows": list(panel.rows), "buttons": list(panel.motions)}
             for name, panel in {**own, **self._panels}.items()
         ]
-        if client.sent.get("app_panels", []) == shown:
+        if not shown and "app_panels" not in client.sent:
             return []
-        client.sent["app_panels"] = shown
-        return [{"kind": "app_panels", "panels": shown}]
+        return client.unsent({"kind": "app_panels", "panels": shown})
 
     def start(self, heading: str, button: str) -> None:
         """Start the motion that a button offers.

@@ -149,17 +149,14 @@ class EpisodePanel:
     def frames(self, client: Client) -> list[Frame]:
         """Return the new state of the recording for a client."""
         samples = self._samples
-        fields: Frame = {
+        fields = {
             "kind": "episode",
             "state": self._state,
             "seconds": int(samples[-1].time_s - samples[0].time_s) if samples else 0,
             "episodes": self._writer.episodes,
             "text": self._text,
         }
-        if client.sent.get("episode") == fields:
-            return []
-        client.sent["episode"] = fields
-        return [fields]
+        return client.unsent(fields)
 
     def _begin(self) -> None:
         if self._state != "idle":

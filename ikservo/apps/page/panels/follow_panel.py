@@ -83,10 +83,7 @@ class FollowPanel:
             self._reported_s = now_s
             rows = _lag_rows(self._arm_thread.arm, job)
             self._fields = {"kind": "following", "leader": job.feed.name, "lag": rows}
-        if client.sent.get("following") == self._fields:
-            return []
-        client.sent["following"] = self._fields
-        return [self._fields]
+        return client.unsent(self._fields)
 
 
 def _lag_rows(arm: Arm, job: FollowLeader) -> list[tuple[str, str]]:

@@ -84,11 +84,7 @@ class ProgramPanel:
         if client.sent.get("program") != self.draft.revision:
             client.sent["program"] = self.draft.revision
             frames.append(self.fields())
-        state = self.state_fields()
-        if client.sent.get("program_state") != state:
-            client.sent["program_state"] = state
-            frames.append(state)
-        return frames
+        return frames + client.unsent(self.state_fields())
 
     def state_fields(self) -> dict[str, object]:
         """Return the progress of the program for a page."""

@@ -12,6 +12,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -90,15 +91,8 @@ BenchMessage = ReadServo | WriteRegister | WorkOnServo
 _MESSAGES: TypeAdapter[BenchMessage] = TypeAdapter(
     Annotated[BenchMessage, Field(discriminator="kind")]
 )
-
-
-def read_bench_message(text: str) -> BenchMessage:
-    """Parse and validate a message from the page.
-
-    Raises:
-        BadMessageError: The message is too long, not JSON, or not one of the messages above.
-    """
-    return validate_message(_MESSAGES, text)
+read_bench_message = partial(validate_message, _MESSAGES)
+"""Parse and validate a message from the servo page."""
 
 
 @dataclass(slots=True, eq=False)

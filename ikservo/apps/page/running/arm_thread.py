@@ -102,7 +102,8 @@ class ArmThread:
         self.calibration = calibration
         self.arm = open_arm()
         self._command = ArmCommand()
-        self.snapshot = self._read_snapshot()
+        self.snapshot = ArmSnapshot(np.zeros(0), np.zeros(0))
+        self.snapshot = self._update_positions()
         self.arm.context.servos.warn = self.log_message
         self._states_s = self._telemetry_s = clock.now_s()
         joints = self.arm.model.joints
@@ -456,20 +457,11 @@ class ArmThread:
         self._lost = False
         self.snapshot = self._update_positions()
 
-    def _read_snapshot(self) -> ArmSnapshot:
+    def _update_positions(self) -> ArmSnapshot:
+        """Return the snapshot with present positions and telemetry of the servos."""
         states = self.arm.where().joints
         measured = np.array([state.position_rad for state in states])
         servos = self.arm.context.servos
         start = servos.reference() if servos.torque.is_on else measured
-        return ArmSnapshot(measured, start, self._clock.now_s(), states=states)
-
-    def _update_positions(self) -> ArmSnapshot:
-        """Return the snapshot with present positions and telemetry of the servos."""
-        new = self._read_snapshot()
-        return replace(
-            self.snapshot,
-            measured=new.measured,
-            start=new.start,
-            read_s=new.read_s,
-            states=new.states,
-        )
+        now_s = self._clock.now_s()
+        return replace(self.snapshot, measured=measured, start=start, read_s=now_s, states=states)

@@ -62,10 +62,10 @@ def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCe
         FileWriteError: A new certificate cannot be written.
     """
     path = (folder or config_dir()) / _FILE_NAME
-    if not path.exists():
+    is_new = not path.exists()
+    if is_new:
         write_atomic(path, _make_pem(address), private=True)
-        return PageCertificate(path, _checked_fingerprint(path), is_new=True)
-    return PageCertificate(path, _checked_fingerprint(path))
+    return PageCertificate(path, _checked_fingerprint(path), is_new)
 
 
 def _make_pem(address: str) -> str:

@@ -160,6 +160,14 @@ class Client:
     sent_s: dict[str, float] = field(default_factory=dict[str, float])
     outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])
 
+    def unsent(self, frame: Mapping[str, object]) -> list[Mapping[str, object]]:
+        """Return a frame in a list, unless an equal frame of its kind was the last one sent."""
+        kind = str(frame["kind"])
+        if self.sent.get(kind) == frame:
+            return []
+        self.sent[kind] = frame
+        return [frame]
+
     def take_outbox(self) -> list[Mapping[str, object]]:
         """Return and remove the replies that have not been sent yet."""
         replies, self.outbox = self.outbox, []

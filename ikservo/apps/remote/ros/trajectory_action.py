@@ -179,7 +179,7 @@ class _Watch:
         self.trajectory = trajectory
         self._on_path, self._at_end, self._timeout_s = on_path, at_end, timeout_s
         self._violation: tuple[ErrorCode, str] | None = None
-        self._said_s = self._late_s = -math.inf
+        self._said_s = -math.inf
 
     def observe(self, now_s: float, positions: Mapping[str, float]) -> bool:
         """Receive measured positions; return whether to go on."""
