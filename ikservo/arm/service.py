@@ -22,7 +22,7 @@ from ikservo.clock import Clock, RealClock
 from ikservo.control.stop_requests import StopOutcome
 from ikservo.errors import IkservoError
 from ikservo.guard import StopKind, StopReason
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.planning.reports import JointMoveResult
 from ikservo.serving.control_client import BRAKE_TIMEOUT_S, StopResult
 from ikservo.serving.lease import IDLE_TIMEOUT_S, ArmLease, Holder
@@ -31,7 +31,7 @@ _WATCH_PERIOD_S = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArmDescription:
+class ArmDescription(FrozenArrays):
     """The description of an arm that another program needs in addition to the model.
 
     Attributes:
@@ -59,9 +59,6 @@ class ArmDescription:
     chain_lower: Vector
     chain_upper: Vector
     origins: dict[str, tuple[float, ...]]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class ServableArm(OpenArm, Protocol):

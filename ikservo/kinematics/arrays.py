@@ -97,6 +97,15 @@ def read_only(values: ArrayLike) -> Vector:
     return array
 
 
+class FrozenArrays:
+    """Base of frozen dataclasses whose arrays are read-only; see ``freeze_arrays``."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
 def freeze_arrays(value: object) -> None:
     """Make the arrays of a frozen dataclass read-only; its ``__post_init__`` calls this.
 

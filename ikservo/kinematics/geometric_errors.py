@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
@@ -24,7 +24,7 @@ def _no_correction() -> Vector:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GeometricErrors:
+class GeometricErrors(FrozenArrays):
     """Small corrections to the described geometry of an arm.
 
     Attributes:
@@ -38,9 +38,6 @@ class GeometricErrors:
     base_m: Vector = field(default_factory=_no_correction)
     base_rad: Vector = field(default_factory=_no_correction)
     origins_m: Mapping[str, Vector] = field(default_factory=dict[str, Vector])
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def T_world_base(self) -> Matrix:  # noqa: N802  # the name follows the mathematics
