@@ -10,8 +10,7 @@ identifies clients, parses their requests, calls this class, and encodes the res
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Protocol
@@ -145,10 +144,13 @@ class ArmService:
             IkservoError: The arm does not come to rest, or cannot be lowered.
         """
         self.stop(stopped)
-        with self._locked():
+        self._wait_for_lock()
+        try:
             self.arm.acknowledge()
             report = self.arm.relax()
             self.arm.runner.latch_stop(relaxed)
+        finally:
+            self.arm.runner.lock.release()
         return report
 
     def describe(self) -> ArmDescription:
@@ -233,14 +235,6 @@ class ArmService:
         """Refuse control from now on, and stop an operator's motion with ``text`` as the reason."""
         self.lease.close()
         self.end_motion(text)
-
-    @contextmanager
-    def _locked(self) -> Generator[None]:
-        self._wait_for_lock()
-        try:
-            yield
-        finally:
-            self.arm.runner.lock.release()
 
     def _wait_for_lock(self) -> None:
         if not self.arm.runner.lock.acquire(timeout=BRAKE_TIMEOUT_S):
