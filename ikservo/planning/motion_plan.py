@@ -189,10 +189,8 @@ def near_limits(
         span = float(upper[i] - lower[i])
         if not 0.0 < span < math.inf:  # a continuous joint, or a fixed one
             continue
-        below, above = (
-            float((joints[:, i] - lower[i]).min()),
-            float((upper[i] - joints[:, i]).min()),
-        )
+        below = float((joints[:, i] - lower[i]).min())
+        above = float((upper[i] - joints[:, i]).min())
         margin, side = min((below, "lower"), (above, "upper"))
         if margin <= near_distance(float(lower[i]), float(upper[i]), unit):
             found.append((margin / span, NearLimit(name, side, margin, unit)))
