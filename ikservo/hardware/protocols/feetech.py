@@ -8,7 +8,7 @@ values are packed by the registers, so the SDK's global byte order (F9) is never
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from inspect import signature
 
 from ikservo.hardware.packets import (
@@ -21,17 +21,18 @@ from ikservo.hardware.packets import (
     StatusPacket,
 )
 from ikservo.hardware.port import Port
-from ikservo.hardware.protocols.protocol1 import Protocol1Codec, Protocol1Driver, SendPacket
+from ikservo.hardware.protocols.driver import SYNC_READ, ProtocolDriver
+from ikservo.hardware.protocols.protocol1 import Protocol1Codec
 from ikservo.hardware.vendor_modules import importing_from
 
 with importing_from("feetech-servo-sdk", "scservo_sdk"):
     from scservo_sdk.protocol_packet_handler import protocol_packet_handler
     from scservo_sdk.scservo_def import COMM_TX_ERROR
 
-_FACTORY_RESET, _SYNC_READ = 0x06, 0x82
+_FACTORY_RESET = 0x06
 
 
-def _packet_sender() -> SendPacket:
+def _packet_sender() -> Callable[[Port, list[int]], int]:
     """Return the SDK's ``txPacket`` as a function of port and packet.
 
     Two packages provide the module: in feetech-servo-sdk the port is passed to ``txPacket``, in
@@ -53,7 +54,7 @@ class _FeetechCodec(Protocol1Codec):
         return ReplyFault(frame.servo_id, FaultKind.REFUSED, "answered without data", frame.error)
 
 
-class FeetechDriver(Protocol1Driver):
+class FeetechDriver(ProtocolDriver):
     """Driver for STS, SMS and HLS servos; with ``can_sync_read=False`` for SCS servos (F16)."""
 
     def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
@@ -69,7 +70,7 @@ class FeetechDriver(Protocol1Driver):
             window = self.transceiver.choose_window(tuple(servo_ids), span)
             parameters = bytes((window.address, window.size, *servo_ids))
             replies = self.transceiver.transact(
-                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
+                lambda: self._send(BROADCAST_ID, SYNC_READ, parameters),
                 dict.fromkeys(servo_ids, window.size),
                 window,
             )
