@@ -19,10 +19,6 @@ from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
 
-def _no_correction() -> Vector:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class GeometricErrors(FrozenArrays):
     """Small corrections to the described geometry of an arm.
@@ -35,8 +31,8 @@ class GeometricErrors(FrozenArrays):
             corrects the tool.
     """
 
-    base_m: Vector = field(default_factory=_no_correction)
-    base_rad: Vector = field(default_factory=_no_correction)
+    base_m: Vector = field(default_factory=lambda: np.zeros(3))
+    base_rad: Vector = field(default_factory=lambda: np.zeros(3))
     origins_m: Mapping[str, Vector] = field(default_factory=dict[str, Vector])
 
     @property
