@@ -139,8 +139,24 @@ class ProtocolDriver(ABC):
         return self._request_packet(servo_id, WRITE, self._words(address) + data)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes from many servos, here one after the other."""
-        return {servo_id: self.read(servo_id, address, size) for servo_id in servo_ids}
+        """Read the same bytes from many servos; each sends its own reply.
+
+        Without ``can_sync_read``, the servos are read one after the other.
+        """
+        if not self.can_sync_read:
+            return {servo_id: self.read(servo_id, address, size) for servo_id in servo_ids}
+        span = MemoryRange(address, size)
+        with self._port.lock:
+            window = self.transceiver.choose_window(tuple(servo_ids), span)
+            parameters = self._words(window.address, window.size) + bytes(servo_ids)
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, SYNC_READ, parameters),
+                dict.fromkeys(servo_ids, window.size),
+                window,
+            )
+        if window is span:
+            return replies
+        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
         """Read different bytes from each servo, here one after the other."""

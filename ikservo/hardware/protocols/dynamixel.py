@@ -28,7 +28,6 @@ from ikservo.hardware.port import Port
 from ikservo.hardware.protocols.driver import (
     BULK_READ,
     FAST_SYNC_READ,
-    SYNC_READ,
     ProtocolDriver,
 )
 from ikservo.hardware.protocols.protocol1 import Protocol1Codec
@@ -92,14 +91,7 @@ class DynamixelDriver(ProtocolDriver):
                 self.already_retried = False
                 return replies
             self._fast_failures[ids] = failures + 1
-            window = self.transceiver.choose_window(ids, span)
-            parameters = self._words(window.address, window.size) + bytes(ids)
-            replies = self.transceiver.transact(
-                lambda: self._send(BROADCAST_ID, SYNC_READ, parameters),
-                dict.fromkeys(ids, window.size),
-                window,
-            )
-            return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+            return super().sync_read(ids, address, size)
 
     def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
         """Return every servo's reply, or nothing if fast sync read failed."""
