@@ -119,51 +119,21 @@ __all__ = [
     "solve_batch",
 ]
 
+# Modules of the names in `__all__` that are not in `errors`.
 _HOMES = {
     "Arm": "arm",
-    "BadReplyError": "errors",
-    "AimError": "errors",
-    "BadValueError": "errors",
-    "BlockedError": "errors",
-    "BusError": "errors",
-    "CalibrationError": "errors",
     "Chain": "kinematics",
-    "CollisionError": "errors",
-    "ConstraintError": "errors",
     "Drawing": "files.drawing",
-    "ExitCode": "errors",
-    "FileFormatError": "errors",
     "FileWriteError": "files.writing",
-    "HeldUpError": "errors",
-    "IkservoError": "errors",
-    "InputError": "errors",
-    "LatchedStopError": "errors",
-    "LeaseLostError": "errors",
-    "CartesianPathError": "errors",
     "Model": "model",
-    "NoPortError": "errors",
-    "NotSettledError": "errors",
     "OpenArm": "arm",
-    "OrientationError": "errors",
-    "PictureError": "errors",
     "MotionPlan": "arm",
-    "PortBusyError": "errors",
-    "PortError": "errors",
-    "PortLostError": "errors",
     "PathConstraint": "arm",
     "Posture": "ik",
-    "RefusedError": "errors",
-    "RegisterAccessError": "errors",
     "Result": "ik",
-    "ServoAlarmError": "errors",
-    "ServoRejectedError": "errors",
-    "ServoSilentError": "errors",
     "Solver": "ik",
     "ToolOrientation": "arm",
-    "StoppedError": "errors",
     "Target": "ik",
-    "UnknownNameError": "errors",
-    "UnreachableError": "errors",
     "arm_names": "model",
     "load_model": "model",
     "open_arm": "arm",
@@ -178,8 +148,8 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401  # apps add names
         from importlib.metadata import version  # noqa: PLC0415  # slow to import
 
         return version("ikservo")
-    if name in _HOMES:
-        value = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
+    if name in __all__:
+        value = getattr(import_module(f"ikservo.{_HOMES.get(name, 'errors')}"), name)
     else:
         value = _find_in_apps(name)
     globals()[name] = value  # later look-ups do not come here

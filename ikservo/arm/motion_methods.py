@@ -10,7 +10,7 @@ import difflib
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
-from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, cast, overload
 
 from numpy.typing import ArrayLike
 
@@ -309,9 +309,7 @@ class MotionMethods(Protocol):
             OrientationError: The tool cannot have the orientation there; nothing has moved.
             IkservoError: The errors of every motion; see ``Arm``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = MoveTo(position_m, **_fields(MoveTo, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(MoveTo, (position_m,), options, wait=wait)
 
     @overload
     def move_line(
@@ -333,9 +331,7 @@ class MotionMethods(Protocol):
             UnreachableError: A point on the line is out of reach; nothing has moved. Other
                 errors: see ``move_to``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = MoveLine(position_m, **_fields(MoveLine, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(MoveLine, (position_m,), options, wait=wait)
 
     @overload
     def move_arc(
@@ -375,9 +371,7 @@ class MotionMethods(Protocol):
             UnreachableError: A point of the arc is out of reach; nothing has moved. Other
                 errors: see ``move_to``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = MoveArc(via_m, end_m, **_fields(MoveArc, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(MoveArc, (via_m, end_m), options, wait=wait)
 
     @overload
     def move_through(
@@ -399,9 +393,7 @@ class MotionMethods(Protocol):
             UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Other
                 errors: see ``move_to``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = MoveThrough(points_m, **_fields(MoveThrough, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(MoveThrough, (points_m,), options, wait=wait)
 
     @overload
     def draw(
@@ -433,9 +425,7 @@ class MotionMethods(Protocol):
             UnreachableError: A point is out of reach; the error names the first such point. Nothing
                 has moved. Other errors: see ``move_to``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = Draw(strokes_m, **_fields(Draw, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(Draw, (strokes_m,), options, wait=wait)
 
     @overload
     def move_joints(
@@ -462,11 +452,8 @@ class MotionMethods(Protocol):
             RefusedError: A position is outside the limits; nothing has moved. Other
                 errors: see ``move_to``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = MoveJoints(
-            parse_all_positions(positions, self.joint_names), **_fields(MoveJoints, options)
-        )
-        return self._run(motion, on_progress, wait=wait)
+        goals = parse_all_positions(positions, self.joint_names)
+        return self._run(MoveJoints, (goals,), options, wait=wait)
 
     @overload
     def pose(
@@ -491,9 +478,7 @@ class MotionMethods(Protocol):
             UnknownNameError: There is no such pose; the closest name is suggested.
             RefusedError: The pose is outside this arm's limits, or something is in the way.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = MovePose(name, **_fields(MovePose, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(MovePose, (name,), options, wait=wait)
 
     @overload
     def look_at(
@@ -515,9 +500,7 @@ class MotionMethods(Protocol):
             AimError: The limits do not allow this direction; nothing has moved. Other
                 errors: see ``move_to``.
         """
-        on_progress = options.pop("on_progress", None)
-        motion = LookAt(point_m, **_fields(LookAt, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self._run(LookAt, (point_m,), options, wait=wait)
 
     @overload
     def gripper(
@@ -543,13 +526,11 @@ class MotionMethods(Protocol):
             RefusedError: A jaw would touch something; nothing has moved.
             InputError: The width is out of its range or unknown, or the force is not a fraction.
         """
-        on_progress = options.pop("on_progress", None)
-        given = _fields(MoveGripper, options)
         if to is not None and not isinstance(to, str):
-            if given.get("width_m") is not None:
+            if options.get("width_m") is not None:
                 raise InputError("Give the gripper exactly one of open, close and a width.")
-            given["width_m"], to = to, None
-        return self._run(MoveGripper(to, **given), on_progress, wait=wait)
+            options["width_m"], to = to, None
+        return self._run(MoveGripper, (to,), options, wait=wait)
 
     @with_options(MoveTo, PointOptions, takes_point=True)
     def plan_to(self, position_m: ArrayLike, **options: Unpack[PointOptions]) -> MotionPlan:
@@ -624,9 +605,17 @@ class MotionMethods(Protocol):
         return member_of_arms(self, name)
 
     def _run(
-        self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool
+        self,
+        kind: type[MotionValue[R]],
+        goal: tuple[object, ...],
+        options: Mapping[str, Any],
+        *,
+        wait: bool,
     ) -> R | RunningMotion[R]:
-        """Execute a motion, or start it in the background."""
+        """Make a motion of its goal and options; execute it, or start it in the background."""
+        others = dict(options)
+        on_progress = others.pop("on_progress", None)
+        motion: MotionValue[R] = cast("Any", kind)(*goal, **_fields(kind, others))
         is_awaited = check_flag("wait", wait)
         return self.execute(motion, on_progress) if is_awaited else self.start(motion, on_progress)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-
-from pydantic import JsonValue
+from typing import TypeVar
 
 from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
@@ -25,6 +24,8 @@ from ikservo.serving.control_client import (
     request_stop,
     send_command,
 )
+
+T = TypeVar("T")
 
 _RELAX_TIMEOUT_S = 120.0  # to lower an arm and switch its torque off
 # A program reads all of its servos between opening a port and listening.
@@ -93,12 +94,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
     Raises:
         IkservoError: That program cannot report the state.
     """
-    if find_network(port) is not None:
-        return None
-    reply = _request(model, resolve_port(model, port), ControlCommand.WHERE, 10.0)
-    if reply is None:
-        return None
-    return decode_as(ArmState, reply)
+    return _request(ArmState, model, port, ControlCommand.WHERE, 10.0)
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
@@ -107,16 +103,18 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     Raises:
         IkservoError: That program cannot relax the arm.
     """
+    return _request(JointMoveResult, model, port, ControlCommand.RELAX, _RELAX_TIMEOUT_S)
+
+
+def _request(
+    kind: type[T], model: Model, port: str | None, command: ControlCommand, timeout_s: float
+) -> T | None:
     if find_network(port) is not None:
         return None
-    reply = _request(model, resolve_port(model, port), ControlCommand.RELAX, _RELAX_TIMEOUT_S)
-    if reply is None:
-        return None
-    return decode_as(JointMoveResult, reply)
-
-
-def _request(model: Model, device: str, command: ControlCommand, timeout_s: float) -> JsonValue:
-    return None if is_simulated(device) else send_command(device, command, timeout_s, model.name)
+    device = resolve_port(model, port)
+    simulated = is_simulated(device)
+    reply = None if simulated else send_command(device, command, timeout_s, model.name)
+    return None if reply is None else decode_as(kind, reply)
 
 
 def halt_line(model: Model, port: str | None) -> StopOutcome:

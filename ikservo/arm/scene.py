@@ -149,15 +149,8 @@ class Scene:
             if new_name != name:
                 self._check_new(new_name)
             changed = make_shape(kind, new_name, values)
-            self._change(
-                {
-                    each.name: each
-                    for each in (
-                        changed if known == name else thing for known, thing in self._things.items()
-                    )
-                },
-                self._held,
-            )
+            listed = [changed if key == name else each for key, each in self._things.items()]
+            self._change({each.name: each for each in listed}, self._held)
 
     def load(self, path: Path | str) -> None:
         """Add the things in a scene file.

@@ -10,8 +10,7 @@ identifies clients, parses their requests, calls this class, and encodes the res
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Protocol
@@ -22,7 +21,7 @@ from ikservo.clock import Clock, RealClock
 from ikservo.control.stop_requests import StopOutcome
 from ikservo.errors import IkservoError
 from ikservo.guard import StopKind, StopReason
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.planning.reports import JointMoveResult
 from ikservo.serving.control_client import BRAKE_TIMEOUT_S, StopResult
 from ikservo.serving.lease import IDLE_TIMEOUT_S, ArmLease, Holder
@@ -31,7 +30,7 @@ _WATCH_PERIOD_S = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArmDescription:
+class ArmDescription(FrozenArrays):
     """The description of an arm that another program needs in addition to the model.
 
     Attributes:
@@ -59,9 +58,6 @@ class ArmDescription:
     chain_lower: Vector
     chain_upper: Vector
     origins: dict[str, tuple[float, ...]]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class ServableArm(OpenArm, Protocol):
@@ -148,10 +144,13 @@ class ArmService:
             IkservoError: The arm does not come to rest, or cannot be lowered.
         """
         self.stop(stopped)
-        with self._locked():
+        self._wait_for_lock()
+        try:
             self.arm.acknowledge()
             report = self.arm.relax()
             self.arm.runner.latch_stop(relaxed)
+        finally:
+            self.arm.runner.lock.release()
         return report
 
     def describe(self) -> ArmDescription:
@@ -236,14 +235,6 @@ class ArmService:
         """Refuse control from now on, and stop an operator's motion with ``text`` as the reason."""
         self.lease.close()
         self.end_motion(text)
-
-    @contextmanager
-    def _locked(self) -> Generator[None]:
-        self._wait_for_lock()
-        try:
-            yield
-        finally:
-            self.arm.runner.lock.release()
 
     def _wait_for_lock(self) -> None:
         if not self.arm.runner.lock.acquire(timeout=BRAKE_TIMEOUT_S):

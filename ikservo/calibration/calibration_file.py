@@ -6,8 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from pydantic import ValidationError
-
 from ikservo.calibration.homing import MAX_STS_OFFSET, MAX_X_OFFSET
 from ikservo.calibration.joint_limits import MIN_RANGE_TICKS
 from ikservo.calibration.joint_map import encoder_of
@@ -16,7 +14,7 @@ from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibr
 from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text, require_file
-from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
+from ikservo.files.validation import Location, ValidationIssue, first_issue
 from ikservo.files.writing import (
     BACKUP_SUFFIX,
     exclusive_access,
@@ -160,10 +158,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
     if isinstance(found, int) and not isinstance(found, bool) and found > FORMAT:
         expected = f"format {FORMAT}; a newer ikservo wrote this, so update ikservo"
         raise FileFormatError(path, "format", f"is {found}", expected)
-    try:
-        calibration = Calibration.model_validate(tables)
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, Calibration), path) from None
+    calibration = Calibration.from_tables(tables, path)
     issues = list(inconsistencies(calibration))
     if issues:
         raise first_issue(issues, path)

@@ -7,13 +7,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ikservo.calibration.paths import identified_path
 from ikservo.calibration.records import Name, Text
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import StrictModel
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
 _HEADER = """\
@@ -82,10 +82,7 @@ def read_identified(path: Path) -> IdentifiedArm:
         FileFormatError: The file is damaged, or is not an identification.
     """
     tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
-    try:
-        identified = IdentifiedArm.model_validate(tables)
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, IdentifiedArm), path) from None
+    identified = IdentifiedArm.from_tables(tables, path)
     names = [joint.name for joint in identified.joints]
     for i, name in enumerate(names):
         if name in names[:i]:

@@ -8,12 +8,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import Field
 
 from ikservo.calibration.joint_limits import Limit, Limits
 from ikservo.calibration.joint_map import JointMap
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import FormatOne, Name, Register, RegisterValue, Sign, StrictModel
 from ikservo.files.writing import strip_checksum, with_checksum
 from ikservo.kinematics.arrays import Vector
 
@@ -22,17 +22,8 @@ RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
 _HEADER = "# Measurements of `ikservo calibrate --auto`. The next run continues from here.\n"
 
 
-def _require_integer(value: object) -> object:
-    if type(value) is not int:  # a Literal alone accepts true and 1.0 as 1
-        raise ValueError
-    return value
-
-
 # Error messages also use each description as the expected value.
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{0,200}$")]
-Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
-RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Tick = Annotated[int, Field(ge=-(2**20), le=2**20)]
 # Larger corrections indicate another arm, because no manufacturing tolerance is so large.
 Move = Annotated[float, Field(ge=-50.0, le=50.0)]
@@ -53,9 +44,7 @@ class CalibratedJoint(StrictModel):
     """A joint of one arm: its zero, its range, and the registers of its servos."""
 
     name: Name = Field(description="1 to 64 of the characters A-Z a-z 0-9 _ -")
-    sign: Annotated[Literal[-1, 1], BeforeValidator(_require_integer)] = Field(
-        description="1 or -1"
-    )
+    sign: Sign = Field(description="1 or -1")
     sign_from: Literal["by hand", "arm file"] = Field(description="by hand or arm file")
     zero_tick: float = Field(ge=-(2**20), le=2**20, description="a tick, such as 2047.5")
     gear: float = Field(gt=0, description="turns of the horn per turn of the joint")
@@ -184,7 +173,7 @@ class CalibratedCamera(StrictModel):
 class Calibration(StrictModel):
     """The content of a calibration file; ``inconsistencies`` compares its values."""
 
-    format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
+    format: FormatOne = Field(description="1")
     arm: Name = Field(description="an arm's name")
     written: datetime = Field(description="a date and time with UTC offset")
     tool_version: Text = Field(description="the version of ikservo")
@@ -279,10 +268,7 @@ def read_partial(path: Path) -> PartialCalibration | None:
     if not path.exists():
         return None
     table = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
-    try:
-        return PartialCalibration.model_validate(table)
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, PartialCalibration), path) from None
+    return PartialCalibration.from_tables(table, path)
 
 
 def shift_zeros(

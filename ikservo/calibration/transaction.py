@@ -13,12 +13,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ikservo.calibration.calibration_file import replace_calibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text, require_file
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import StrictModel
 from ikservo.files.writing import (
     FileWriteError,
     remove_durably,
@@ -27,7 +27,7 @@ from ikservo.files.writing import (
     write_atomic,
 )
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.eeprom import back_up_once, register_differences, update_eeprom
+from ikservo.hardware.eeprom import back_up_once, lock_eeprom, register_differences, update_eeprom
 from ikservo.hardware.register_batches import RegisterRef
 from ikservo.registers import RegisterName
 
@@ -80,12 +80,10 @@ def read_journal(path: Path) -> Journal | None:
         return None
     try:
         tables = parse_toml(path, strip_checksum(path, read_text(path, 4 * MAX_BYTES)))
-        return Journal.model_validate(tables)
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, Journal), path) from None
     except FileFormatError as error:
         expected = "an intact journal. Remove it, then compare the servos: ikservo calibration diff"
         raise FileFormatError(path, error.where, error.found, expected) from error
+    return Journal.from_tables(tables, path)
 
 
 class TransactionProgress(Enum):
@@ -209,9 +207,7 @@ def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> 
     if reached is TransactionProgress.SOME:
         raise _unfinished_error()
     for change in journal.changes:  # a killed program may have left EEPROMs unlocked
-        lock = bus.servos[change.id].table.eeprom_lock
-        if lock and bus.read(change.id, lock, raw=True) == 0:
-            bus.write(change.id, lock, 1, raw=True)
+        lock_eeprom(bus, change.id)
     if reached is TransactionProgress.EVERYTHING:
         _write_file(journal, journal.new_text, replace_calibration)
         remove_durably(journal_path)

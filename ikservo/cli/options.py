@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,12 @@ from ikservo.cli.quantities import (
 if TYPE_CHECKING:
     from ikservo.planning.path_constraint import PathConstraint
     from ikservo.planning.tool_orientation import ToolOrientation
+
+
+def angle_option(name: str, text: str) -> Any:  # noqa: ANN401  # like typer.Option
+    """Return an option for an angle, in degrees by default."""
+    return typer.Option(name, parser=parse_angle_rad, metavar="DEG", help=text)
+
 
 SpeedOption = Annotated[
     str,
@@ -179,20 +185,13 @@ class ToolOptions:
 
     pitch_rad: Annotated[
         float | None,
-        typer.Option(
-            "--pitch",
-            parser=parse_angle_rad,
-            metavar="DEG",
-            help="Pitch of the tool: 0 is level, -90 points straight down.",
-        ),
+        angle_option("--pitch", "Pitch of the tool: 0 is level, -90 points straight down."),
     ] = None
     roll_rad: Annotated[
         float | None,
-        typer.Option(
+        angle_option(
             "--roll",
-            parser=parse_angle_rad,
-            metavar="DEG",
-            help="Roll of the tool about its axis, clockwise as seen from behind; 0 is level.",
+            "Roll of the tool about its axis, clockwise as seen from behind; 0 is level.",
         ),
     ] = None
     direction: Annotated[
@@ -208,11 +207,8 @@ class ToolOptions:
     ] = False
     within_rad: Annotated[
         float | None,
-        typer.Option(
-            "--within",
-            parser=parse_angle_rad,
-            metavar="DEG",
-            help="Largest error allowed in pitch, roll or direction; default: 0.5.",
+        angle_option(
+            "--within", "Largest error allowed in pitch, roll or direction; default: 0.5."
         ),
     ] = None
 
@@ -242,12 +238,9 @@ class PathOptions:
     scene: SceneOption = None
     upright_rad: Annotated[
         float | None,
-        typer.Option(
+        angle_option(
             "--upright",
-            parser=parse_angle_rad,
-            metavar="DEG",
-            help="Largest tilt, during the motion, of an object that is upright now, such as a "
-            "cup.",
+            "Largest tilt, during the motion, of an object that is upright now, such as a cup.",
         ),
     ] = None
     keep_axis: Annotated[

@@ -51,24 +51,16 @@ def posture_fields(chain: Chain, q: Vector) -> dict[str, object]:
 
 def result_lines(result: Result) -> list[str]:
     """Return lines about the conditioning of a solution."""
-    return (
-        []
-        if result.conditioning is None
-        else _conditioning_lines(result.conditioning, result.singularity)
-    )
+    return _conditioning_lines(result.conditioning, result.singularity)
 
 
 def result_fields(result: Result) -> dict[str, object]:
     """Return the conditioning of a solution for ``--json``."""
-    return (
-        {}
-        if result.conditioning is None
-        else _conditioning_fields(result.conditioning, result.singularity)
-    )
+    return _conditioning_fields(result.conditioning, result.singularity)
 
 
-def _conditioning_lines(found: Conditioning, singular: Singularity | None) -> list[str]:
-    if not found.moves_m_rad.size:
+def _conditioning_lines(found: Conditioning | None, singular: Singularity | None) -> list[str]:
+    if found is None or not found.moves_m_rad.size:
         return []
     fastest, slowest = 1000.0 * found.moves_m_rad[0], 1000.0 * found.slowest_m_rad
     power = {1: "", 2: "²", 3: "³"}[len(found.moves_m_rad)]
@@ -83,7 +75,11 @@ def _conditioning_lines(found: Conditioning, singular: Singularity | None) -> li
     ]
 
 
-def _conditioning_fields(found: Conditioning, singular: Singularity | None) -> dict[str, object]:
+def _conditioning_fields(
+    found: Conditioning | None, singular: Singularity | None
+) -> dict[str, object]:
+    if found is None:
+        return {}
     return {
         "conditioning": {
             "manipulability": found.manipulability,

@@ -32,11 +32,8 @@ def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Gen
         yield
     except (StoppedError, KeyboardInterrupt, SystemExit) as error:
         reason = machine.stop_reason
-        if (
-            reason is not None
-            and reason.kind in _REPEATABLE
-            and _is_interrupted_again(machine, clock or RealClock())
-        ):
+        repeatable = reason is not None and reason.kind in _REPEATABLE
+        if repeatable and _is_interrupted_again(machine, clock):
             print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
             machine.acknowledge()
             report = machine.relax()

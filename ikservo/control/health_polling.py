@@ -19,7 +19,7 @@ from ikservo.control.watchdog_and_torque_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 from ikservo.guard import HealthMonitor, OverloadMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.register_batches import contiguous_runs
+from ikservo.hardware.register_batches import batches
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 
@@ -90,9 +90,7 @@ class HealthPoller:
                 registers[servo_id].append(counted)
             registers[servo_id] += self._limits.reset_markers(servo_id)
         self._known = {i: dict(row) for i, row in read_registers(self._bus, registers).items()}
-        runs = {i: contiguous_runs(row) for i, row in registers.items()}
-        max_runs = max(len(r) for r in runs.values())
-        self._requests = [(i, r[k]) for k in range(max_runs) for i, r in runs.items() if k < len(r)]
+        self._requests = [request for runs in batches(registers) for request in runs.items()]
         for servo_id in self._names:
             self._check_servo(servo_id)
 

@@ -11,7 +11,7 @@ from ikservo.control.servo_group import ServoGroup
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import StopReason
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.motion import Rate, Trajectory, TrajectoryPoint
 
 BRAKE_S = 0.25
@@ -110,7 +110,7 @@ class TimeScaler:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ControlCycle:
+class ControlCycle(FrozenArrays):
     """The goals and measurements of one control cycle.
 
     Attributes:
@@ -130,9 +130,6 @@ class ControlCycle:
     reference: Vector
     measured: Vector
     lost: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 # Servos that were stopped by their watchdogs return to the trajectory in this time.

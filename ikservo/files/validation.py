@@ -6,9 +6,9 @@ import difflib
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple, get_args
+from typing import Annotated, Literal, NamedTuple, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from ikservo.errors import FileFormatError
@@ -145,3 +145,30 @@ class StrictModel(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def from_tables(cls, tables: object, path: Path, context: object = None) -> Self:
+        """Validate the tables of a file.
+
+        Raises:
+            FileFormatError: The tables do not match the model.
+        """
+        try:
+            return cls.model_validate(tables, context=context)
+        except ValidationError as error:
+            raise first_issue(validation_issues(error, cls), path) from None
+
+
+def require_integer(value: object) -> object:
+    """Refuse values that are not of type int; a Literal alone accepts true and 1.0 as 1."""
+    if type(value) is not int:
+        raise ValueError
+    return value
+
+
+# Types of fields in several files. Error messages use each description as the expected value.
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
+RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
+FormatOne = Annotated[Literal[1], BeforeValidator(require_integer)]
+Sign = Annotated[Literal[-1, 1], BeforeValidator(require_integer)]

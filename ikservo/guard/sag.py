@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
 from ikservo.model.arm_model import Model, link_masses
@@ -26,7 +26,7 @@ Sag = Callable[[Matrix], Matrix]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Weight:
+class Weight(FrozenArrays):
     """Masses of the links and compliance of the joints.
 
     Attributes:
@@ -40,9 +40,6 @@ class Weight:
     yields: Vector
     lower: Vector
     upper: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class GravitySag:

@@ -124,11 +124,19 @@ class ScanResult:
 
 
 class PacketCodec(Protocol):
-    """Codec for the status packets of one protocol."""
+    """Codec for the packets of one protocol."""
 
     @property
     def too_long(self) -> int:
         """The vendor SDK's result code for a packet that is too long to send."""
+        ...
+
+    def encode_words(self, *numbers: int) -> bytes:
+        """Encode addresses and sizes."""
+        ...
+
+    def instruct(self, servo_id: int, instruction: int, parameters: bytes) -> list[int]:
+        """Build an instruction packet; the SDK fills in what it computes itself, here 0."""
         ...
 
     def frame_size(self, size: int) -> int:

@@ -38,14 +38,14 @@ from ikservo.kernels.layout import (
     ROTATION_ERROR,
 )
 from ikservo.kinematics import Chain, finite_array
-from ikservo.kinematics.arrays import Matrix, Vector, as_floats, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector, as_floats
 
 # Targets per task: enough that distribution costs nothing, few enough that all cores end together.
 _CHUNK = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BatchResult:
+class BatchResult(FrozenArrays):
     """The results of m targets, row by row.
 
     Attributes:
@@ -62,9 +62,6 @@ class BatchResult:
     position_error_m: Vector
     orientation_error_rad: Vector
     iterations: NDArray[np.int64]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def solve_batch(

@@ -8,6 +8,7 @@ find most of the near solutions.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -138,13 +139,7 @@ def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = np.ascontiguousarray(chain.clip(np.vstack([q0 + aside, q0 - aside])))
     kind, ready = target_kind_of(target), problem_for_target(chain, target)
-    single_start = Options(
-        options.tolerance,
-        restarts=1,
-        max_iterations=_NEARBY_STEPS,
-        position_first=options.position_first,
-        turn_weight_m_rad=options.turn_weight_m_rad,
-    )
+    single_start = replace(options, restarts=1, max_iterations=_NEARBY_STEPS, track=False)
     settings = pack_settings(kind, chain.dof, single_start)
     worker = SolverBuffers(chain.dof, 1, questions=len(starts))
     worker.question[:] = target.packed.ravel()

@@ -274,12 +274,8 @@ class Options:
         _check_above_0("turn_weight_m_rad", self.turn_weight_m_rad)
         if math.isinf(self.turn_weight_m_rad):
             raise BadValueError("turn_weight_m_rad", self.turn_weight_m_rad, "a finite number")
-        for what, value in (
-            ("track", self.track),
-            ("trace", self.trace),
-            ("nearest", self.nearest),
-        ):
-            _check_kind(what, value, bool)
+        for what in ("track", "trace", "nearest"):
+            _check_kind(what, getattr(self, what), bool)
         if self.position_first is not None:
             _check_kind("position_first", self.position_first, bool)
         _check_kind("The tolerance", self.tolerance, Tolerance)

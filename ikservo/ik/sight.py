@@ -12,7 +12,7 @@ from ikservo.ik.problem import check_position, normalise
 from ikservo.ik.result import ActiveLimit
 from ikservo.ik.solve import solve
 from ikservo.kinematics import Chain, finite_vector
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.kinematics.joints import JointType
 
 _NEAREST_M = 0.001  # points nearer to the tip have no usable direction from it
@@ -20,7 +20,7 @@ _REACHED_RAD = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class Sight(FrozenArrays):
     """Joints that point an axis of the tip at a point, or as near to the point as was found.
 
     Attributes:
@@ -33,9 +33,6 @@ class Sight:
     q: Vector
     error_rad: float
     binding: tuple[ActiveLimit, ...]
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def reached(self) -> bool:

@@ -14,11 +14,11 @@ from ikservo.ik.prepare import quasi_random_points
 from ikservo.ik.problem import Options
 from ikservo.ik.workspace_grid import Cells, VoxelGrid, boundary_polygons, grid_around, slice_around
 from ikservo.kinematics import Chain, finite_vector
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Workspace:
+class Workspace(FrozenArrays):
     """The reachable cells of a slice or a volume.
 
     A cell counts as reachable if a posture with the tip in it was found, or if the reachable point
@@ -33,9 +33,6 @@ class Workspace:
     grid: VoxelGrid
     reachable: NDArray[np.bool_]
     is_slice: bool
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def count(self) -> int:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
 from ikservo.kinematics import Chain, JointType
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 
 Cells = NDArray[np.intp]
@@ -21,7 +21,7 @@ _MAX_CELLS = 5_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VoxelGrid:
+class VoxelGrid(FrozenArrays):
     """Cubes along the axes u, v, w of a frame.
 
     Attributes:
@@ -35,9 +35,6 @@ class VoxelGrid:
     first_m: Vector
     shape: tuple[int, int, int]
     cell_m: float
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def to_grid(self, points_m: ArrayLike) -> Matrix:
         """Convert points (n, 3) from the base frame to the grid's own frame."""

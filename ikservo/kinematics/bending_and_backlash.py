@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
 
 # This torque presses a joint to one side of its backlash; below it the side is uncertain.
@@ -27,7 +27,7 @@ _DERIVATIVE_RAD = 1e-4  # offset of a joint to compute the stiffness of gravity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Bending:
+class Bending(FrozenArrays):
     """Compliance and backlash behind the sensors of a chain's joints.
 
     Attributes:
@@ -39,9 +39,6 @@ class Bending:
     dynamics: Dynamics
     compliance: Vector
     half_play: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def deflection(self, q_link: ArrayLike) -> Vector:
         """Compute the deflection under gravity, (dof,) or (n, dof), shaped like ``q_link``."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 
 _TINY = 1e-30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Capsule:
+class Capsule(FrozenArrays):
     """All points within a radius of a segment, fixed to a link.
 
     Attributes:
@@ -26,9 +26,6 @@ class Capsule:
     start_m: Vector
     end_m: Vector
     radius_m: float
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def length_m(self) -> float:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
@@ -87,7 +87,7 @@ def _farthest(points_m: Matrix, is_known: bool, otherwise_m: float) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PairDistances:
+class PairDistances(FrozenArrays):
     """Distances of pairs, of links or of a link and an obstacle, in several postures.
 
     Attributes:
@@ -97,9 +97,6 @@ class PairDistances:
 
     pairs: tuple[tuple[str, str], ...]
     gap_m: Matrix
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class CollisionBody:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.kinematics.arrays import Matrix, Vector, finite_vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector, finite_vector
 from ikservo.kinematics.chain import Chain
 
 
@@ -56,7 +56,7 @@ Measure = Callable[[Vector], Vector]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Conditioning:
+class Conditioning(FrozenArrays):
     """The mobility of a point of the arm in a posture.
 
     One metre of a prismatic joint counts as one radian.
@@ -75,9 +75,6 @@ class Conditioning:
     moves_m_rad: Vector
     turns_rad_rad: Vector
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     @property
     def slowest_m_rad(self) -> float:
         """Motion of the point in its worst direction [m/rad]; 0 if singular."""
@@ -85,7 +82,7 @@ class Conditioning:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Singularity:
+class Singularity(FrozenArrays):
     """A singular posture.
 
     Attributes:
@@ -97,9 +94,6 @@ class Singularity:
     q: Vector
     distance_rad: float
     joint: str
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 def conditioning(

@@ -13,18 +13,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
 
-def _no_correction() -> Vector:
-    return np.zeros(3)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class GeometricErrors:
+class GeometricErrors(FrozenArrays):
     """Small corrections to the described geometry of an arm.
 
     Attributes:
@@ -35,12 +31,9 @@ class GeometricErrors:
             corrects the tool.
     """
 
-    base_m: Vector = field(default_factory=_no_correction)
-    base_rad: Vector = field(default_factory=_no_correction)
+    base_m: Vector = field(default_factory=lambda: np.zeros(3))
+    base_rad: Vector = field(default_factory=lambda: np.zeros(3))
     origins_m: Mapping[str, Vector] = field(default_factory=dict[str, Vector])
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def T_world_base(self) -> Matrix:  # noqa: N802  # the name follows the mathematics

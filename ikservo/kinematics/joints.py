@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from ikservo.errors import InputError, UnknownNameError
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays, read_only
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector, read_only
 from ikservo.kinematics.se3 import make_pose, skew
 
 
@@ -32,7 +32,7 @@ class Mimic:
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class Joint(FrozenArrays):
     """One joint of the tree.
 
     Attributes:
@@ -52,9 +52,6 @@ class Joint:
     lower: float = -math.inf
     upper: float = math.inf
     mimic: Mimic | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

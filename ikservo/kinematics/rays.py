@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
 _LEVEL = 1e-3  # a ray with a smaller slope has no reliable intersection with a horizontal plane
@@ -18,14 +18,11 @@ _MOST_STEPS = 500  # maximum number of steps along a ray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ray:
+class Ray(FrozenArrays):
     """A half line, such as the line of sight of a pixel: origin (3,), unit direction (3,)."""
 
     origin_m: Vector
     direction: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def at(self, distance_m: float) -> Vector:
         """Return the point (3,) at a distance along the ray."""

@@ -58,7 +58,7 @@ def plan_direction_check(arm: Arm, name: str) -> DirectionCheck:
 
     If both directions are possible, the direction with more distance to the limit is chosen.
     """
-    joint, start = arm.model.joint(name), _measured_positions(arm)
+    joint, start = arm.model.joint(name), arm.where().positions
     low, high = _range(arm, joint)
     travel = CHECK_ANGLE_RAD * joint.travel_per_turn / math.tau
 
@@ -82,7 +82,7 @@ def check_clearance_m(arm: Arm, name: str) -> float:
     The result is the smaller of the clearances at the start and at the end; of the two possible
     ends, the end with more clearance counts. A negative result means a contact.
     """
-    return _test_clearance(arm, name)(_measured_positions(arm))
+    return _test_clearance(arm, name)(arm.where().positions)
 
 
 def plan_clearance(arm: Arm, name: str) -> DirectionCheck | None:
@@ -95,7 +95,7 @@ def _plan_best_lift(
     arm: Arm, names: Sequence[str], clearance: Clearance, enough_m: float
 ) -> DirectionCheck | None:
     """Plan the joint motion, among ``names``, that gains most clearance; None if not needed."""
-    start = _measured_positions(arm)
+    start = arm.where().positions
     start_m = clearance(start)
     if start_m >= enough_m:
         return None
@@ -123,9 +123,9 @@ def execute_lift(arm: Arm, motion: DirectionCheck) -> None:
         RefusedError: Something is in the way.
         StoppedError: The user stopped the motion; the arm holds.
     """
-    before = _measured_positions(arm)
+    before = arm.where().positions
     _move_joint(arm, motion.joint, before[motion.joint] + motion.travel)
-    _check_followed(arm, motion, _measured_positions(arm)[motion.joint] - before[motion.joint])
+    _check_followed(arm, motion, arm.where().positions[motion.joint] - before[motion.joint])
 
 
 def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
@@ -137,9 +137,9 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
         StoppedError: The user stopped the motion; the arm holds.
     """
     with arm.runner.requested():
-        before = _measured_positions(arm)
+        before = arm.where().positions
         _move_joint(arm, motion.joint, before[motion.joint] + motion.travel)
-        moved = _measured_positions(arm)
+        moved = arm.where().positions
         _move_joint(arm, motion.joint, before[motion.joint])
     travels = {name: moved[name] - before[name] for name in before}
     _check_followed(arm, motion, travels[motion.joint])
@@ -176,7 +176,7 @@ def _test_clearance(arm: Arm, name: str) -> Clearance:
 
 def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) -> list[float]:
     """Compute the possible displacements of the joint, in each direction that its limits allow."""
-    position, (low, high) = _measured_positions(arm)[joint.name], _range(arm, joint)
+    position, (low, high) = arm.where().positions[joint.name], _range(arm, joint)
     travel = horn_rad * joint.travel_per_turn / math.tau
     return [by for by in (travel, -travel) if low <= position + by <= high]
 
@@ -195,10 +195,6 @@ def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
             f"{text(moved)}.",
             "Check for a loose horn or an obstacle.",
         )
-
-
-def _measured_positions(arm: Arm) -> dict[str, float]:
-    return arm.where().positions
 
 
 def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionCheck]]:

@@ -7,17 +7,9 @@ import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from ikservo.errors import BadValueError
 from ikservo.files.reading import path_inside, quote, read_toml
-from ikservo.files.validation import (
-    Location,
-    ValidationIssue,
-    first_issue,
-    format_key_path,
-    validation_issues,
-)
+from ikservo.files.validation import Location, ValidationIssue, first_issue, format_key_path
 from ikservo.model.arm_schema import (
     ArmFile,
     ArmGripper,
@@ -170,11 +162,7 @@ def read_arm_file(path: Path | str) -> ArmFile:
         FileFormatError: ``where`` is the place of the TOML error, or the path of the key.
     """
     path = Path(path)
-    tables = read_toml(path)
-    try:
-        arm = ArmFile.model_validate(tables, context={"folder": path.parent})
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, ArmFile), path) from None
+    arm = ArmFile.from_tables(read_toml(path), path, context={"folder": path.parent})
     issues: list[ValidationIssue] = []
     folder = catalogue_name(path)
     if folder is not None and folder != arm.name:

@@ -6,17 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr
+from pydantic import Field, PrivateAttr
 
-from ikservo.files.validation import StrictModel
+from ikservo.files.validation import FormatOne, Name, Register, RegisterValue, Sign, StrictModel
 from ikservo.model.arm_model import HealthLimits
-
-
-def _require_integer(value: object) -> object:
-    if type(value) is not int:  # a Literal alone accepts true and 1.0 as 1
-        raise ValueError
-    return value
-
 
 _USUAL = HealthLimits()
 # Error messages also use each description as the expected value.
@@ -24,10 +17,7 @@ _NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 _TEXT = "one line of text"
 _EEPROM = "register = raw value, such as { drive_mode = 1 }"
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 Text = Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
-Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
-RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Positive = Annotated[float, Field(gt=0)]
 Play = Annotated[float, Field(ge=0, le=10)]
 Payload = Annotated[float, Field(ge=0, le=5)]
@@ -66,9 +56,7 @@ class ArmShadow(StrictModel):
 
     id: int = Field(ge=0, le=252, description="a whole number from 0 to 252")
     model: Name = Field(description='a servo model, such as "XM430-W350"')
-    sign: Annotated[Literal[-1, 1], BeforeValidator(_require_integer)] = Field(
-        description="1 or -1"
-    )
+    sign: Sign = Field(description="1 or -1")
     zero_tick: float = Field(description="a finite number, such as 2048")
     eeprom: Mapping[Register, RegisterValue] = Field(default={}, description=_EEPROM)
 
@@ -180,7 +168,7 @@ class ArmCalibration(StrictModel):
 class ArmFile(StrictModel):
     """The contents of an ``arm.toml``; ``arm_file_issues`` compares its values."""
 
-    format: Annotated[Literal[1], BeforeValidator(_require_integer)] = Field(description="1")
+    format: FormatOne = Field(description="1")
     name: Name = Field(description=_NAME)
     title: Text = Field(description=_TEXT)
     urdf: Text = Field(description="a file in the arm's own folder")

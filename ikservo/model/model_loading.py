@@ -254,17 +254,12 @@ def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None
     limits = {joint.name: joint.limits for joint in joints}
     for pose, table in arm.poses.items():
         for name, position in _pose_positions(table).items():
-            if not limits[name].contains(position):
-                where = f"poses.{pose}.{'m' if limits[name].unit == 'm' else 'deg'}.{name}"
-                found = f"is {format_position(position, limits[name].unit)}, outside its limits"
-                low, high = limits[name].lower.value, limits[name].upper.value
-                unit = limits[name].unit
-                raise FileFormatError(
-                    path,
-                    where,
-                    found,
-                    f"{format_position(low, unit)} to {format_position(high, unit)}",
-                )
+            own, unit = limits[name], limits[name].unit
+            if not own.contains(position):
+                where = f"poses.{pose}.{'m' if unit == 'm' else 'deg'}.{name}"
+                found = f"is {format_position(position, unit)}, outside its limits"
+                low, high = (format_position(end.value, unit) for end in (own.lower, own.upper))
+                raise FileFormatError(path, where, found, f"{low} to {high}")
 
 
 def _find_moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> UrdfJoint:

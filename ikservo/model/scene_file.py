@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from ikservo.arguments import check_choice
 from ikservo.errors import BadValueError, FileFormatError, RefusedError
 from ikservo.files.reading import parse_path, read_toml
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import StrictModel
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
@@ -216,10 +216,7 @@ def read_scene_with_arms(
         BadValueError: A direction has no length.
     """
     path = parse_path(path)
-    try:
-        scene = _SceneFile.model_validate(read_toml(path))
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, _SceneFile), path) from None
+    scene = _SceneFile.from_tables(read_toml(path), path)
     things = tuple(_things(scene))
     arms = tuple(
         PlacedArm(each.name, each.at_m, each.rpy_deg, each.arm or "", each.port or "")
@@ -254,11 +251,8 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
     values = {
         key: getattr(value, "tolist", lambda value=value: value)() for key, value in sizes.items()
     }
-    try:
-        scene = _SceneFile.model_validate({kind: [{"name": name, **values}]})
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, _SceneFile), Path(f"<{name}>")) from None
-    return next(_things(scene))
+    tables = {kind: [{"name": name, **values}]}
+    return next(_things(_SceneFile.from_tables(tables, Path(f"<{name}>"))))
 
 
 def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.model.arm_model import Model, ModelJoint
 
 _SWINGS_M_PER_RAD = 0.03
@@ -16,7 +16,7 @@ _VERTICAL = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ToolFrame:
+class ToolFrame(FrozenArrays):
     """The axes of a tool, in the coordinates of its tip.
 
     Attributes:
@@ -26,9 +26,6 @@ class ToolFrame:
 
     approach_axis: Vector
     left: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def pitch_rad(self, R_world_tool: Matrix) -> float:
         """Compute the angle of the tool axis above the horizontal: -π/2 is straight down."""

@@ -11,14 +11,14 @@ import numpy as np
 
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.motion import Trajectory
 
 _MAX_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SampledTrajectory:
+class SampledTrajectory(FrozenArrays):
     """Positions and velocities of all joints at k instants.
 
     Attributes:
@@ -34,9 +34,6 @@ class SampledTrajectory:
     times_s: Vector
     positions: Matrix
     velocities: Matrix
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def __len__(self) -> int:
         """Return the number of instants."""

@@ -10,19 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrajectoryPoint:
+class TrajectoryPoint(FrozenArrays):
     """Position, velocity and acceleration of n joints, in rad, or m for prismatic joints."""
 
     position: Vector
     velocity: Vector
     acceleration: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @classmethod
     def at_rest(cls, position: ArrayLike) -> TrajectoryPoint:

@@ -15,7 +15,7 @@ from ikservo.calibration.joint_limits import near_distance
 from ikservo.errors import RefusedError
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajectory
 from ikservo.planning.motions import MotionValue
@@ -40,7 +40,7 @@ class NearLimit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotionPlan:
+class MotionPlan(FrozenArrays):
     """A planned motion that could start now.
 
     Attributes:
@@ -108,9 +108,6 @@ class MotionPlan:
     requested: Mapping[str, float] = field(default_factory=dict[str, float])
     clamped: tuple[str, ...] = ()
     limp_arm: object | None = None
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
         """Sample the motion as arrays of times (k,), positions and velocities (k, n).
@@ -192,10 +189,8 @@ def near_limits(
         span = float(upper[i] - lower[i])
         if not 0.0 < span < math.inf:  # a continuous joint, or a fixed one
             continue
-        below, above = (
-            float((joints[:, i] - lower[i]).min()),
-            float((upper[i] - joints[:, i]).min()),
-        )
+        below = float((joints[:, i] - lower[i]).min())
+        above = float((upper[i] - joints[:, i]).min())
         margin, side = min((below, "lower"), (above, "upper"))
         if margin <= near_distance(float(lower[i]), float(upper[i]), unit):
             found.append((margin / span, NearLimit(name, side, margin, unit)))

@@ -17,7 +17,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
@@ -28,6 +28,7 @@ from ikservo.arguments import (
     check_choice,
     check_flag,
     parse_joint_positions,
+    parse_name,
     parse_number,
     parse_points,
 )
@@ -76,18 +77,14 @@ def _choice(what: str, choices: Sequence[str]) -> Callable[[object], str]:
     )
 
 
-def _parse_tool_speed(value: object) -> float:
-    speed_m_s = parse_number("The speed of the tool", value)
-    if not 0.0 < speed_m_s < math.inf:
-        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "a speed above 0 m/s")
-    return speed_m_s
+def _above_zero(what: str, unit: str, expected: str) -> Callable[[object], float]:
+    def parse(value: object) -> float:
+        number = parse_number(what, value)
+        if not 0.0 < number < math.inf:
+            raise BadValueError(what, f"{number:g} {unit}", expected)
+        return number
 
-
-def _parse_think_time(value: object) -> float:
-    think_s = parse_number("The time to search for a path", value)
-    if not 0.0 < think_s < math.inf:
-        raise BadValueError("The time to search for a path", f"{think_s:g} s", "more than 0 s")
-    return think_s
+    return parse
 
 
 def _parse_targets(values: object) -> tuple[Point, ...]:
@@ -107,20 +104,16 @@ def _parse_constraint(value: object) -> PathConstraint:
     return value
 
 
-def _parse_name(value: object) -> str:
-    if not isinstance(value, str):
-        raise BadValueError("The name of the pose", shown(value), "text")
-    return value
-
-
 # Fields of several motions. The parser of a field is part of its type, here or in a motion.
 TargetPoint = Annotated[ArrayLike, _target("The target position")]
-ToolSpeed = Annotated[float | None, _parse_tool_speed]
+ToolSpeed = Annotated[
+    float | None, _above_zero("The speed of the tool", "m/s", "a speed above 0 m/s")
+]
 Speed = Annotated[str, _choice("speed", SPEEDS)]
 Stance = Annotated[ToolOrientation, check_orientation]
 Straight = Annotated[bool, _flag("straight")]
 Within = Annotated[PathConstraint, _parse_constraint]
-Think = Annotated[float, _parse_think_time]
+Think = Annotated[float, _above_zero("The time to search for a path", "s", "more than 0 s")]
 Replan = Annotated[bool, _flag("replan")]
 
 
@@ -418,16 +411,8 @@ class MoveJoints(MotionValue[JointMoveResult]):
 
     def __hash__(self) -> int:
         """Return the hash of the items, because a mapping is not hashable."""
-        return hash(
-            (
-                tuple(self.positions.items()),
-                self.speed,
-                self.straight,
-                self.within,
-                self.think_s,
-                self.replan,
-            )
-        )
+        others = [getattr(self, each.name) for each in fields(self) if each.name != "positions"]
+        return hash((tuple(self.positions.items()), *others))
 
     def __str__(self) -> str:
         return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
@@ -446,7 +431,7 @@ class MovePose(MotionValue[JointMoveResult]):
         replan: See ``MoveTo``.
     """
 
-    name: Annotated[str, _parse_name]
+    name: Annotated[str, partial(parse_name, "The name of the pose")]
     _: KW_ONLY
     speed: Speed = "normal"
     straight: Straight = False

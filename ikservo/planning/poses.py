@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Annotated, Literal, cast
 
 import tomli_w
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ikservo.arguments import check_callable
 from ikservo.calibration.paths import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError, shown
 from ikservo.files.reading import config_dir, read_toml
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import StrictModel
 from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Vector
@@ -92,10 +92,7 @@ class PoseLibrary:
         """
         if not self.path.exists():
             return {}
-        try:
-            read = _PoseFile.model_validate(read_toml(self.path))
-        except ValidationError as error:
-            raise first_issue(validation_issues(error, _PoseFile), self.path) from None
+        read = _PoseFile.from_tables(read_toml(self.path), self.path)
         if read.arm != self._model.name:
             raise FileFormatError(self.path, "arm", f'is "{read.arm}"', f'"{self._model.name}"')
         return {name: self._positions_of(name, pose) for name, pose in read.poses.items()}

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ikservo.control.joint_reading import JointState
 from ikservo.errors import UnknownNameError, format_point
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Matrix, Vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArmState:
+class ArmState(FrozenArrays):
     """The measured state of the arm as a tuple of joints, as arrays, and by joint name.
 
     Arrays have one element per joint, (n,), in the order of ``names``; rad, or m for prismatic
@@ -29,9 +29,6 @@ class ArmState:
     tip_m: Vector
     joints: tuple[JointState, ...]
     orientation: Matrix = field(default_factory=lambda: np.full((3, 3), np.nan))
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def __getitem__(self, joint: str) -> JointState:
         """Return the state of one joint.
@@ -108,7 +105,7 @@ class ArmState:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MotionProgress:
+class MotionProgress(FrozenArrays):
     """The state of a motion in one control cycle.
 
     Attributes:
@@ -129,9 +126,6 @@ class MotionProgress:
     setpoints_rad: Vector = field(default_factory=lambda: np.zeros(0))
     names: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     @property
     def positions(self) -> dict[str, float]:
         """The measured positions by joint, rad or m."""
@@ -143,7 +137,7 @@ OnProgress = Callable[[MotionProgress], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MoveResult:
+class MoveResult(FrozenArrays):
     """Report on a motion to a point.
 
     Attributes:
@@ -180,9 +174,6 @@ class MoveResult:
     path_error_rms_m: float | None = None
     path_error_max_m: float | None = None
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
     def __str__(self) -> str:
         """Show the error and the duration; ``repr`` shows all fields."""
         off = f"{1e3 * self.error_m:.1f} mm from {format_point(self.target_m)}"
@@ -190,7 +181,7 @@ class MoveResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointMoveResult:
+class JointMoveResult(FrozenArrays):
     """Report on a joint motion; rad, or m for prismatic joints.
 
     Attributes:
@@ -210,9 +201,6 @@ class JointMoveResult:
     duration_s: float
     reached: bool
     binding: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def __str__(self) -> str:
         """Show the error and the duration; ``repr`` shows all fields."""
@@ -253,7 +241,7 @@ class GraspResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReplayResult:
+class ReplayResult(FrozenArrays):
     """Report on the replay of a recording.
 
     Attributes:
@@ -272,9 +260,6 @@ class ReplayResult:
     error_rad: float
     measured_rad: dict[str, float]
     measured_tip_m: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     def __str__(self) -> str:
         """Show the length and the error; ``repr`` shows all fields."""
@@ -308,7 +293,7 @@ def describe_torque(states: Sequence[JointState]) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FollowResult:
+class FollowResult(FrozenArrays):
     """Report on how the arm followed a stream of targets.
 
     Attributes:
@@ -333,12 +318,9 @@ class FollowResult:
     duration_s: float
     warnings: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JogResult:
+class JogResult(FrozenArrays):
     """Report on a jog.
 
     Attributes:
@@ -355,6 +337,3 @@ class JogResult:
     measured_tip_m: Vector
     duration_s: float
     blocked: bool = False
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)

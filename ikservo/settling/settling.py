@@ -11,7 +11,7 @@ import numpy as np
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
 from ikservo.guard import DrivenJoint
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import FrozenArrays, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 from ikservo.planning.context import ArmContext
 from ikservo.settling.goal_integrator import GoalIntegrator
@@ -174,7 +174,7 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SettlingResult:
+class SettlingResult(FrozenArrays):
     """The result of settling at the end of a motion.
 
     Attributes:
@@ -190,9 +190,6 @@ class SettlingResult:
     motion_s: float
     settling_s: float
     unsettled: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
     @property
     def duration_s(self) -> float:

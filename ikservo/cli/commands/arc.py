@@ -16,13 +16,9 @@ from ikservo.cli.options import (
     SpeedOption,
     ToolOptions,
     ToolSpeedOption,
+    angle_option,
 )
-from ikservo.cli.quantities import (
-    parse_angle_rad,
-    parse_axis,
-    parse_coordinate_m,
-    parse_point_m,
-)
+from ikservo.cli.quantities import parse_axis, parse_coordinate_m, parse_point_m
 from ikservo.planning.motions import MoveArc
 
 OptionalLength = Annotated[
@@ -52,12 +48,7 @@ Normal = Annotated[
 ]
 Angle = Annotated[
     float | None,
-    typer.Option(
-        "--angle",
-        parser=parse_angle_rad,
-        metavar="DEG",
-        help="With --center: angle of the arc; default: 360; negative: clockwise.",
-    ),
+    angle_option("--angle", "With --center: angle of the arc; default: 360; negative: clockwise."),
 ]
 
 

@@ -25,8 +25,12 @@ from ikservo.hardware.packets import (
     StatusPacket,
 )
 from ikservo.hardware.port import Port
-from ikservo.hardware.protocols.driver import BroadcastPingResult, broadcast_ping
-from ikservo.hardware.protocols.protocol1 import Protocol1Codec, Protocol1Driver
+from ikservo.hardware.protocols.driver import (
+    BULK_READ,
+    FAST_SYNC_READ,
+    ProtocolDriver,
+)
+from ikservo.hardware.protocols.protocol1 import Protocol1Codec
 from ikservo.hardware.protocols.protocol2 import (
     FastSyncCodec,
     FixedPacketHandler,
@@ -34,24 +38,20 @@ from ikservo.hardware.protocols.protocol2 import (
     fast_sync_size,
     split_fast_sync,
 )
-from ikservo.hardware.protocols.transceiver import RepeatedPackets, Transceiver
+from ikservo.hardware.protocols.transceiver import Transceiver
 from ikservo.hardware.vendor_modules import importing_from
 
 with importing_from("dynamixel-sdk", "dynamixel_sdk"):
     from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
     from dynamixel_sdk.robotis_def import COMM_TX_ERROR
 
-_PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
-_FACTORY_RESET, _KEEP_ID_AND_RATE = 0x06, b"\x02"
-_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
-_BULK_READ, _BULK_WRITE = 0x92, 0x93
-_REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
-_PING_SIZE = 3  # model number and firmware
+_FACTORY_RESET, _BULK_WRITE = 0x06, 0x93
+_KEEP_ID_AND_RATE = b"\x02"
 _FAST_FAILURES = 2  # failures in succession; causes: old firmware, a missing servo, a bad line
 _RETRY_FAST_AFTER = 200  # number of readings after which fast sync read is tried again
 
 
-class DynamixelDriver:
+class DynamixelDriver(ProtocolDriver):
     """Driver for X-series servos and all others that use protocol 2.0.
 
     Groups are read by fast sync read, which saves a third of the wire time, until it fails twice in
@@ -60,12 +60,11 @@ class DynamixelDriver:
     """
 
     can_sync_read = can_bulk_write = True
+    ping_size = 3  # model number (2 bytes) and firmware
 
     def __init__(self, port: Port, *, fast: bool = True) -> None:
-        self._port, self._handler = port, FixedPacketHandler()
-        self._repeated = RepeatedPackets(port, _REQUEST_INSTRUCTIONS)
         self._codec = Protocol2Codec(COMM_TX_ERROR)
-        self.transceiver = Transceiver(port, self._codec)
+        super().__init__(port, FixedPacketHandler().txPacket, self._codec)
         self._combined = Transceiver(port, FastSyncCodec(COMM_TX_ERROR))
         self._fast, self._fast_failures = fast, dict[tuple[int, ...], int]()
         self.already_retried = False
@@ -78,30 +77,6 @@ class DynamixelDriver:
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
         """Check whether one request can read different bytes of each of these servos."""
         return True
-
-    def ping(self, servo_id: int) -> Reply:
-        """Ping a servo; the data are model number (2 bytes) and firmware."""
-        return self._request_packet(servo_id, _PING, b"", _PING_SIZE)
-
-    def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
-        """Ping all ids up to the highest."""
-        return broadcast_ping(
-            self.transceiver, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
-        )
-
-    def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Read ``size`` bytes from one servo."""
-        span = MemoryRange(address, size)
-        with self._port.lock:
-            window = self.transceiver.choose_window((servo_id,), span)
-            parameters = _two_byte_words(window.address, window.size)
-            reply = self._request_packet(servo_id, _READ, parameters, window.size, window)
-        return span.extract(reply, window)
-
-    def write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Write to one servo and check its reply."""
-        self._port.pending.invalidate((servo_id,))
-        return self._request_packet(servo_id, _WRITE, _two_byte_words(address) + data)
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
         """Read the same bytes from many servos; each sends its own reply."""
@@ -116,14 +91,7 @@ class DynamixelDriver:
                 self.already_retried = False
                 return replies
             self._fast_failures[ids] = failures + 1
-            window = self.transceiver.choose_window(ids, span)
-            parameters = _two_byte_words(window.address, window.size) + bytes(ids)
-            replies = self.transceiver.transact(
-                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
-                dict.fromkeys(ids, window.size),
-                window,
-            )
-            return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+            return super().sync_read(ids, address, size)
 
     def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
         """Return every servo's reply, or nothing if fast sync read failed."""
@@ -131,9 +99,9 @@ class DynamixelDriver:
         window = self._combined.choose_window(
             (BROADCAST_ID,), span, lambda size: fast_sync_size(count, size)
         )
-        parameters = _two_byte_words(window.address, window.size) + bytes(servo_ids)
+        parameters = self._words(window.address, window.size) + bytes(servo_ids)
         reply = self._combined.transact(
-            lambda: self._send(BROADCAST_ID, _FAST_SYNC_READ, parameters),
+            lambda: self._send(BROADCAST_ID, FAST_SYNC_READ, parameters),
             {BROADCAST_ID: fast_sync_size(count, window.size)},
             window,
         )[BROADCAST_ID]
@@ -149,78 +117,28 @@ class DynamixelDriver:
         """Read different bytes from each of many servos."""
         with self._port.lock:
             windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
-            rows = (bytes((i,)) + _two_byte_words(w.address, w.size) for i, w in windows.items())
+            rows = (bytes((i,)) + self._words(w.address, w.size) for i, w in windows.items())
             parameters = b"".join(rows)
             replies = self.transceiver.transact(
-                lambda: self._send(BROADCAST_ID, _BULK_READ, parameters),
+                lambda: self._send(BROADCAST_ID, BULK_READ, parameters),
                 {i: window.size for i, window in windows.items()},
                 windows,
             )
         return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
 
-    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write to many servos with one packet; there is no reply."""
-        size = len(next(iter(data.values())))
-        rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
-        parameters = _two_byte_words(address, size) + rows
-        self._port.pending.invalidate(data, MemoryRange(address, size))
-        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
-
     def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
         """Write to many servos with one packet, each at its own address; there is no reply."""
         parameters = b""
         for servo_id, (address, data) in rows.items():
-            parameters += bytes((servo_id,)) + _two_byte_words(address, len(data)) + data
+            parameters += bytes((servo_id,)) + self._words(address, len(data)) + data
             self._port.pending.invalidate((servo_id,), MemoryRange(address, len(data)))
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _BULK_WRITE, parameters))
-
-    def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Prepare a write that ``action`` executes."""
-        return self._request_packet(servo_id, _REG_WRITE, _two_byte_words(address) + data)
-
-    def action(self) -> None:
-        """Execute the prepared writes of all servos; a single servo would reply (D10)."""
-        self._port.pending.invalidate(range(BROADCAST_ID))
-        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
 
     def factory_reset(self, servo_id: int) -> Reply:
         """Give one servo its factory settings; id and baud rate stay."""
         self._port.pending.invalidate((servo_id,))
         return self._request_packet(servo_id, _FACTORY_RESET, _KEEP_ID_AND_RATE)
 
-    def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is off afterwards."""
-        self._port.pending.invalidate((servo_id,))
-        return self._request_packet(servo_id, _REBOOT, b"")
-
-    def _request_packet(
-        self,
-        servo_id: int,
-        instruction: int,
-        parameters: bytes,
-        size: int = 0,
-        window: MemoryRange | None = None,
-    ) -> Reply:
-        replies = self.transceiver.transact(
-            lambda: self._send(servo_id, instruction, parameters), {servo_id: size}, window
-        )
-        return replies[servo_id]
-
-    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Send a packet, through the SDK if it is new; return the SDK's result code."""
-        key = (servo_id, instruction, parameters)
-        if (result := self._repeated.send(key)) is not None:
-            return result
-        length = (len(parameters) + 3).to_bytes(2, "little")
-        packet = [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]
-        return self._repeated.record_sent(key, self._handler.txPacket(self._port, packet))
-
-
-def _two_byte_words(*numbers: int) -> bytes:
-    return b"".join(word.to_bytes(2, "little") for word in numbers)
-
-
-_REBOOT_1, _BULK_READ_1 = 0x08, 0x92
 
 # These error bits refuse the request; the other bits are alarms of the servo itself.
 _DAMAGED = 0x10
@@ -246,7 +164,7 @@ class _Dynamixel1Codec(Protocol1Codec):
         return Status(frame.servo_id, frame.data, alarms) if len(frame.data) == size else None
 
 
-class Dynamixel1Driver(Protocol1Driver):
+class Dynamixel1Driver(ProtocolDriver):
     """Driver for AX and MX servos, without sync read; servos in ``bulk_ids`` support bulk read."""
 
     def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
@@ -272,7 +190,7 @@ class Dynamixel1Driver(Protocol1Driver):
             }
             rows = b"".join(bytes((w.size, i, w.address)) for i, w in windows.items())
             replies = self.transceiver.transact(
-                lambda: self._send(BROADCAST_ID, _BULK_READ_1, b"\0" + rows),
+                lambda: self._send(BROADCAST_ID, BULK_READ, b"\0" + rows),
                 {i: window.size for i, window in windows.items()},
                 windows,
             )
@@ -283,8 +201,3 @@ class Dynamixel1Driver(Protocol1Driver):
         """Return a fault, because the servo would get id 1, which another servo may have."""
         found = "would get id 1 from a factory reset; restore a backup instead"
         return ReplyFault(servo_id, FaultKind.REFUSED, found)
-
-    def reboot(self, servo_id: int) -> Reply:
-        """Restart one servo; its torque is off afterwards. Old AX servos do not support this."""
-        self._port.pending.invalidate((servo_id,))
-        return self._request_packet(servo_id, _REBOOT_1, b"")

@@ -8,30 +8,23 @@ values are packed by the registers, so the SDK's global byte order (F9) is never
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from inspect import signature
 
-from ikservo.hardware.packets import (
-    BROADCAST_ID,
-    FaultKind,
-    MemoryRange,
-    Reply,
-    ReplyFault,
-    Status,
-    StatusPacket,
-)
+from ikservo.hardware.packets import FaultKind, Reply, ReplyFault, Status, StatusPacket
 from ikservo.hardware.port import Port
-from ikservo.hardware.protocols.protocol1 import Protocol1Codec, Protocol1Driver, SendPacket
+from ikservo.hardware.protocols.driver import ProtocolDriver
+from ikservo.hardware.protocols.protocol1 import Protocol1Codec
 from ikservo.hardware.vendor_modules import importing_from
 
 with importing_from("feetech-servo-sdk", "scservo_sdk"):
     from scservo_sdk.protocol_packet_handler import protocol_packet_handler
     from scservo_sdk.scservo_def import COMM_TX_ERROR
 
-_FACTORY_RESET, _SYNC_READ = 0x06, 0x82
+_FACTORY_RESET = 0x06
 
 
-def _packet_sender() -> SendPacket:
+def _packet_sender() -> Callable[[Port, list[int]], int]:
     """Return the SDK's ``txPacket`` as a function of port and packet.
 
     Two packages provide the module: in feetech-servo-sdk the port is passed to ``txPacket``, in
@@ -53,29 +46,12 @@ class _FeetechCodec(Protocol1Codec):
         return ReplyFault(frame.servo_id, FaultKind.REFUSED, "answered without data", frame.error)
 
 
-class FeetechDriver(Protocol1Driver):
+class FeetechDriver(ProtocolDriver):
     """Driver for STS, SMS and HLS servos; with ``can_sync_read=False`` for SCS servos (F16)."""
 
     def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
         super().__init__(port, _packet_sender(), _FeetechCodec(COMM_TX_ERROR))
         self.can_sync_read = can_sync_read
-
-    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes from many servos; each sends its own reply."""
-        if not self.can_sync_read:
-            return super().sync_read(servo_ids, address, size)
-        span = MemoryRange(address, size)
-        with self._port.lock:
-            window = self.transceiver.choose_window(tuple(servo_ids), span)
-            parameters = bytes((window.address, window.size, *servo_ids))
-            replies = self.transceiver.transact(
-                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
-                dict.fromkeys(servo_ids, window.size),
-                window,
-            )
-        if window is span:
-            return replies
-        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def factory_reset(self, servo_id: int) -> Reply:
         """Give one servo its factory settings; the id is kept, the baud rate is reset."""

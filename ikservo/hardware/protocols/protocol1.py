@@ -1,21 +1,10 @@
-"""Packets of protocol 1.0, and the driver base of Feetech, MX and AX servos."""
+"""Packets of protocol 1.0, which Feetech, MX and AX servos use."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 
-from ikservo.hardware.packets import (
-    BROADCAST_ID,
-    MemoryRange,
-    PacketCodec,
-    Reply,
-    ScanResult,
-    Status,
-    StatusPacket,
-)
-from ikservo.hardware.port import Port
-from ikservo.hardware.protocols.driver import BroadcastPingResult, broadcast_ping
-from ikservo.hardware.protocols.transceiver import RepeatedPackets, Transceiver
+from ikservo.hardware.packets import Reply, ScanResult, Status, StatusPacket
 
 _HEADER = b"\xff\xff"
 _LEN, _ERR, _DATA = 3, 4, 5  # offsets of the bytes
@@ -119,20 +108,19 @@ def _may_continue(data: bytes, at: int, sizes: Collection[int]) -> bool:
     return start[2] <= _HIGHEST_ID and (start[3] == 2 or start[3] - 2 in sizes)
 
 
-_PING, _READ, _WRITE, _REG_WRITE, _ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
-_SYNC_WRITE = 0x83
-_SYNC_READ, _BULK_READ = 0x82, 0x92
-_REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _BULK_READ))
-_PING_SIZE = 0
-
-SendPacket = Callable[[Port, list[int]], int]
-
-
 class Protocol1Codec:
-    """Status packet format; each family interprets the error byte itself."""
+    """Packet format; each family interprets the error byte itself."""
 
     def __init__(self, too_long: int) -> None:
         self.too_long = too_long
+
+    def encode_words(self, *numbers: int) -> bytes:
+        """Encode addresses and sizes, one byte each."""
+        return bytes(numbers)
+
+    def instruct(self, servo_id: int, instruction: int, parameters: bytes) -> list[int]:
+        """Build an instruction packet; header and checksum are 0, the SDK fills them in."""
+        return [0, 0, servo_id, len(parameters) + 2, instruction, *parameters, 0]
 
     def frame_size(self, size: int) -> int:
         """Return the number of bytes in a status packet with ``size`` bytes of data."""
@@ -149,99 +137,3 @@ class Protocol1Codec:
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
         """Interpret a frame as the reply to a request for ``size`` bytes; else return None."""
         raise NotImplementedError
-
-
-class Protocol1Driver:
-    """Base of the drivers for protocol 1.0, with the instructions that all families support.
-
-    Args:
-        port: The port.
-        send: The vendor's ``txPacket``, which adds header and checksum to a packet.
-        codec: The family's status packet codec.
-    """
-
-    can_sync_read = can_bulk_write = already_retried = False
-
-    def __init__(self, port: Port, send: SendPacket, codec: PacketCodec) -> None:
-        self._port, self._tx_packet = port, send
-        self._repeated = RepeatedPackets(port, _REQUEST_INSTRUCTIONS)
-        self.transceiver = Transceiver(port, codec)
-
-    def set_return_delay(self, return_delay_s: float) -> None:
-        """Set the maximum return delay before each reply, seconds."""
-        self.transceiver.set_return_delay(return_delay_s)
-
-    def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
-        """Check whether one request can read different bytes of each of these servos."""
-        return False
-
-    def ping(self, servo_id: int) -> Reply:
-        """Ping a servo; a reply in this protocol has no data (docs/sdk-defects.md F14)."""
-        return self._request_packet(servo_id, _PING, b"")
-
-    def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
-        """Ping all ids up to the highest."""
-        return broadcast_ping(
-            self.transceiver, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
-        )
-
-    def read(self, servo_id: int, address: int, size: int) -> Reply:
-        """Read ``size`` bytes from one servo."""
-        span = MemoryRange(address, size)
-        with self._port.lock:
-            window = self.transceiver.choose_window((servo_id,), span)
-            parameters = bytes((window.address, window.size))
-            return span.extract(self._request_packet(servo_id, _READ, parameters, window), window)
-
-    def write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Write to one servo and check its reply."""
-        self._port.pending.invalidate((servo_id,))
-        return self._request_packet(servo_id, _WRITE, bytes((address, *data)))
-
-    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
-        """Read the same bytes from many servos, here one after the other."""
-        return {servo_id: self.read(servo_id, address, size) for servo_id in servo_ids}
-
-    def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
-        """Read different bytes from each servo, here one after the other."""
-        return {i: self.read(i, span.address, span.size) for i, span in spans.items()}
-
-    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
-        """Write to many servos with one packet; there is no reply."""
-        size = len(next(iter(data.values())))
-        rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
-        self._port.pending.invalidate(data, MemoryRange(address, size))
-        parameters = bytes((address, size)) + rows
-        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
-
-    def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
-        """Write to many servos, each at its own address, here one write after the other."""
-        for servo_id, (address, data) in rows.items():
-            self.sync_write(address, {servo_id: data})
-
-    def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
-        """Prepare a write that ``action`` executes."""
-        return self._request_packet(servo_id, _REG_WRITE, bytes((address, *data)))
-
-    def action(self) -> None:
-        """Execute the prepared writes of all servos at the same time."""
-        self._port.pending.invalidate(range(BROADCAST_ID))
-        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
-
-    def _request_packet(
-        self, servo_id: int, instruction: int, parameters: bytes, window: MemoryRange | None = None
-    ) -> Reply:
-        replies = self.transceiver.transact(
-            lambda: self._send(servo_id, instruction, parameters),
-            {servo_id: window.size if window else 0},
-            window,
-        )
-        return replies[servo_id]
-
-    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Send a packet, through the vendor's SDK if it is new; return the SDK's result code."""
-        key = (servo_id, instruction, parameters)
-        if (result := self._repeated.send(key)) is not None:
-            return result
-        packet = [0, 0, servo_id, len(parameters) + 2, instruction, *parameters, 0]
-        return self._repeated.record_sent(key, self._tx_packet(self._port, packet))

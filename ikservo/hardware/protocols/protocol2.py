@@ -90,6 +90,15 @@ class Protocol2Codec:
     def __init__(self, too_long: int) -> None:
         self.too_long = too_long
 
+    def encode_words(self, *numbers: int) -> bytes:
+        """Encode addresses and sizes, two bytes each."""
+        return b"".join(word.to_bytes(2, "little") for word in numbers)
+
+    def instruct(self, servo_id: int, instruction: int, parameters: bytes) -> list[int]:
+        """Build an unstuffed instruction packet; header and CRC are 0, the SDK fills them in."""
+        length = (len(parameters) + 3).to_bytes(2, "little")
+        return [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]
+
     def frame_size(self, size: int) -> int:
         """Compute the number of bytes in an unstuffed status packet with ``size`` bytes of data."""
         return size + 11
