@@ -408,6 +408,7 @@ class SessionController:
         motion = None if message.step is None else self._program.motion_of(message.step)
         if motion is not None:
             self._require_ready()
+            self._refuse_in_live("The motion of a step is shown while Live is off.")
             self._arm.context.require_zeros()
             self._interaction.reset()
             self._offer.choose_step(motion, self._circumstances())
