@@ -30,7 +30,7 @@ from ikservo.apps.lab.drive_fit import (
     mean_duties,
     sign_currents,
 )
-from ikservo.apps.lab.drive_recording import Cube, DriveRecording, SteadyWindows, steady_windows
+from ikservo.apps.lab.drive_recording import Cube, DriveRecording, steady_windows
 from ikservo.apps.lab.duty_model import (
     COMMON_SCALE,
     JOINT_PARAMETERS,
@@ -181,7 +181,10 @@ def identify_payload(
     return ParameterEstimate(float(x[-1]), error, float(model.prior.deviation[-1]))
 
 
-def _checked_windows(dynamics: Dynamics, recording: DriveRecording) -> SteadyWindows:
+def _make_model(
+    dynamics: Dynamics, priors: Sequence[JointPrior], recording: DriveRecording
+) -> tuple[DutyModel, list[LoopFit], list[MotorConstants | None]]:
+    """Return the model of a recording, and the control loop and motors of each joint."""
     windows = steady_windows(recording)
     for j, name in enumerate(dynamics.chain.names):
         if np.count_nonzero(windows.joint == j) < _MIN_WINDOWS:
@@ -190,14 +193,6 @@ def _checked_windows(dynamics: Dynamics, recording: DriveRecording) -> SteadyWin
                 "Give the arm more room: remove boxes and objects within its reach, or widen "
                 "its limits.",
             )
-    return windows
-
-
-def _make_model(
-    dynamics: Dynamics, priors: Sequence[JointPrior], recording: DriveRecording
-) -> tuple[DutyModel, list[LoopFit], list[MotorConstants | None]]:
-    """Return the model of a recording, and the control loop and motors of each joint."""
-    windows = _checked_windows(dynamics, recording)
     loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
     motors = [fit_motors(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
     duties, gravity = mean_duties(windows, loops), gravity_columns(dynamics, windows.q)

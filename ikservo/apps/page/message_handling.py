@@ -385,7 +385,12 @@ class SessionController:
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
         """Set the zero that a click on the tip determines."""
-        picture, camera = self._require_picture(client)
+        self._require_ready()
+        picture, camera = self._composer.camera_view(client), self._composer.camera(client)
+        if picture is None or not isinstance(camera, LensCamera):
+            raise BadMessageError(
+                "This needs a click in a camera's picture.", "Choose the camera view."
+            )
         px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
         found = picture.find_tip_zero(camera, px, snapshot)
         self._arm_thread.request_job(SetTipZero(found))
@@ -447,16 +452,6 @@ class SessionController:
             targets,
             program,
         )
-
-    def _require_picture(self, client: Client) -> tuple[CameraView, LensCamera]:
-        """Return the camera view of a client; refuse if there is none or the arm is not ready."""
-        self._require_ready()
-        picture, camera = self._composer.camera_view(client), self._composer.camera(client)
-        if picture is None or not isinstance(camera, LensCamera):
-            raise BadMessageError(
-                "This needs a click in a camera's picture.", "Choose the camera view."
-            )
-        return picture, camera
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
         """Show another camera; clients whose view no longer exists see the first view."""

@@ -273,7 +273,15 @@ def read_json_lines(path: Path) -> Recording:
         FileFormatError: The file cannot be read, or a line is malformed; the message names it.
     """
     lines = _read_lines(path)
-    header = _parse_header(path, next(lines, ""))
+    row = _parse_object(path, 1, next(lines, "") or "\n")
+    if row.get("schema") != SCHEMA:
+        raise _recording_error(path, 1, "is not the header of a recording", f'"schema": "{SCHEMA}"')
+    if row.keys() != _KEYS:
+        odd = ", ".join(sorted(row.keys() ^ _KEYS))
+        raise _recording_error(
+            path, 1, f"has missing or unknown keys: {odd}", f"the keys {', '.join(sorted(_KEYS))}"
+        )
+    header = check_header(path, "line 1", row)
     times_s, joints = array("d"), array("d")  # lists would need three times the memory
     for number, line in enumerate(lines, start=2):
         time_s, q = _parse_sample(path, number, line, len(header.joints))
@@ -319,18 +327,6 @@ def _require_complete_line(path: Path, number: int, line: bytes) -> str:
         return line.decode()
     except UnicodeDecodeError:
         raise _recording_error(path, number, "is not text in UTF-8", "JSON") from None
-
-
-def _parse_header(path: Path, line: str) -> RecordingHeader:
-    row = _parse_object(path, 1, line or "\n")
-    if row.get("schema") != SCHEMA:
-        raise _recording_error(path, 1, "is not the header of a recording", f'"schema": "{SCHEMA}"')
-    if row.keys() != _KEYS:
-        odd = ", ".join(sorted(row.keys() ^ _KEYS))
-        raise _recording_error(
-            path, 1, f"has missing or unknown keys: {odd}", f"the keys {', '.join(sorted(_KEYS))}"
-        )
-    return check_header(path, "line 1", row)
 
 
 def check_header(path: Path, where: str, row: Mapping[str, object]) -> RecordingHeader:
