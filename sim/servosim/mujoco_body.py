@@ -198,12 +198,12 @@ def _add_cube(spec: mujoco.MjSpec, cube: Cube, floor_m: float) -> None:
     """Add a cube on the floor, and solve contacts exactly enough for gripping by friction."""
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FORCE_RATIO
     spec.option.noslip_iterations = NO_SLIP_ITERATIONS
-    body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + CUBE_HALF_M))
+    body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + cube.half_m))
     body.add_freejoint(name=cube.name)
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=(CUBE_HALF_M,) * 3,
-        mass=CUBE_KG,
+        size=(cube.half_m,) * 3,
+        mass=CUBE_KG * (cube.half_m / CUBE_HALF_M) ** 3,
         friction=CUBE_FRICTION,
         condim=4,
         rgba=(*COLOURS[cube.colour], 1.0),
