@@ -17,6 +17,15 @@ class mjtGeom(Enum):
 class mjtJoint(Enum):
     mjJNT_HINGE = ...
 
+class mjtEq(Enum):
+    mjEQ_TENDON = ...
+
+class mjtObj(Enum):
+    mjOBJ_TENDON = ...
+
+class mjtLimited(Enum):
+    mjLIMITED_FALSE = ...
+
 class mjtIntegrator(Enum):
     mjINT_IMPLICITFAST = ...
 
@@ -96,12 +105,25 @@ class _Compiler:
     balanceinertia: bool
 
 class MjsTendon:
+    name: str
     solref_limit: tuple[float, ...]
     solimp_limit: _Floats
     def wrap_joint(self, joint: str, coef: float) -> object: ...
 
+class MjsEquality:
+    name1: str
+    name2: str
+    data: _Floats
+    solref: tuple[float, ...]
+    solimp: _Floats
+
+class MjsJoint:
+    limited: mjtLimited
+    parent: MjsBody
+
 class MjsBody:
     name: str
+    geoms: list[MjsGeom]
     explicitinertial: bool
     bodies: list[MjsBody]
     joints: list[object]
@@ -138,6 +160,8 @@ class MjsBody:
 
 class MjsGeom:
     group: int
+    solimp: _Floats
+    solmix: float
     rgba: _Vector
 
 class MjsMaterial:
@@ -169,6 +193,7 @@ class MjSpec:
     visual: _Visual
     stat: _Size
     geoms: list[MjsGeom]
+    equalities: list[MjsEquality]
     option: _Option
     worldbody: MjsBody
     @staticmethod
@@ -188,7 +213,12 @@ class MjSpec:
         self, *, name: str, texrepeat: _Vector, texuniform: bool, specular: float
     ) -> MjsMaterial: ...
     def add_exclude(self, *, bodyname1: str, bodyname2: str) -> object: ...
-    def add_tendon(self, *, name: str, limited: bool, range: tuple[float, ...]) -> MjsTendon: ...
+    def add_tendon(
+        self, *, name: str, limited: bool = ..., range: tuple[float, ...] = ...
+    ) -> MjsTendon: ...
+    def add_equality(self, *, type: mjtEq, objtype: mjtObj, name1: str) -> MjsEquality: ...
+    def joint(self, name: str) -> MjsJoint: ...
+    def delete(self, element: MjsEquality) -> None: ...
     def compile(self) -> MjModel: ...
 
 class GLContext:
