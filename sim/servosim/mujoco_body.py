@@ -14,6 +14,7 @@ from servosim.joint import Hand
 from servosim.motor import OUTPUT_INERTIA_KG_M2
 from servosim.parameters import MotorParameters
 from servosim.surroundings import COLOURS, CUBE_HALF_M, Cube
+from servosim.urdf import MovingJoint, read_joints
 
 Array = NDArray[np.float64]
 
@@ -190,8 +191,11 @@ def _compile_model(
         _exclude_contacts(spec, spec.worldbody)
         for name in names:
             _add_rotor(spec, name)
-        for gear in list(spec.equalities):
-            _stiffen_gear(spec, gear)
+        for gear in spec.equalities:
+            gear.active = False  # of `<mimic>`
+        for joint in read_joints(path):
+            if joint.mimic != joint.name:
+                _add_gear(spec, joint)
         for cube in cubes:
             _add_cube(spec, cube, floor_m or 0.0)
         return spec.compile()
@@ -223,26 +227,26 @@ def _exclude_contacts(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
             _exclude_contacts(spec, link)
 
 
-def _stiffen_gear(spec: mujoco.MjSpec, gear: mujoco.MjsEquality) -> None:
+def _add_gear(spec: mujoco.MjSpec, joint: MovingJoint) -> None:
     """Make a joint follow its leader under load (`<mimic>`), and stop only where its leader does.
 
-    MuJoCo's gear yields in proportion to the mobility of both joints, without their ratio, so that
-    a cube would open the fingers of a light crank. A tendon takes the ratio into account.
+    Old versions of MuJoCo ignore the element. The gear of others yields in proportion to the
+    mobility of both joints, without their ratio: a cube would open the fingers of a light crank.
     """
-    follower, leader = gear.name1, gear.name2
-    offset, multiplier = gear.data[:2]
-    spec.delete(gear)
-    spec.joint(follower).limited = mujoco.mjtLimited.mjLIMITED_FALSE
-    rod = spec.add_tendon(name=f"{follower} gear")
-    rod.wrap_joint(follower, 1.0)
-    rod.wrap_joint(leader, -multiplier)
-    held = spec.add_equality(
+    rod = spec.add_tendon(name=f"{joint.name} gear")
+    rod.wrap_joint(joint.name, 1.0)
+    rod.wrap_joint(joint.mimic, -joint.multiplier)
+    gear = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON, name1=rod.name
     )
-    held.data[0], held.solref, held.solimp[:2] = offset, PLAY_SOLREF, FRICTION_HOLDS
-    for name in (follower, leader):
-        for shape in spec.joint(name).parent.geoms:
-            shape.solimp[:2], shape.solmix = FINGER_SOLIMP, FINGER_SOLMIX
+    gear.data[0], gear.solref, gear.solimp[:2] = joint.offset, PLAY_SOLREF, FRICTION_HOLDS
+    for body in spec.bodies:
+        names = [each.name for each in body.joints]
+        if joint.name in names:
+            body.joints[names.index(joint.name)].limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if joint.name in names or joint.mimic in names:
+            for shape in body.geoms:
+                shape.solimp[:2], shape.solmix = FINGER_SOLIMP, FINGER_SOLMIX
 
 
 def _add_rotor(spec: mujoco.MjSpec, name: str) -> None:

@@ -111,22 +111,21 @@ class MjsTendon:
     def wrap_joint(self, joint: str, coef: float) -> object: ...
 
 class MjsEquality:
-    name1: str
-    name2: str
+    active: bool
     data: _Floats
     solref: tuple[float, ...]
     solimp: _Floats
 
 class MjsJoint:
+    name: str
     limited: mjtLimited
-    parent: MjsBody
 
 class MjsBody:
     name: str
     geoms: list[MjsGeom]
     explicitinertial: bool
     bodies: list[MjsBody]
-    joints: list[object]
+    joints: list[MjsJoint]
     def add_geom(
         self,
         *,
@@ -193,6 +192,7 @@ class MjSpec:
     visual: _Visual
     stat: _Size
     geoms: list[MjsGeom]
+    bodies: list[MjsBody]
     equalities: list[MjsEquality]
     option: _Option
     worldbody: MjsBody
@@ -217,8 +217,6 @@ class MjSpec:
         self, *, name: str, limited: bool = ..., range: tuple[float, ...] = ...
     ) -> MjsTendon: ...
     def add_equality(self, *, type: mjtEq, objtype: mjtObj, name1: str) -> MjsEquality: ...
-    def joint(self, name: str) -> MjsJoint: ...
-    def delete(self, element: MjsEquality) -> None: ...
     def compile(self) -> MjModel: ...
 
 class GLContext:
