@@ -129,7 +129,7 @@ class Pick(OwnMotion[GraspResult]):
             UnreachableError: The point is out of reach.
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
-        most_m, held_m = planner.jaws.most_m, planner.jaws.least_m + _MIN_CLEARANCE_M
+        most_m, held_m = planner.jaws.most_m, planner.jaws.least_m + 2.0 * _MIN_CLEARANCE_M
         wide_m = max(_UNKNOWN_WIDTH_M, held_m)
         length_m, width_m, height_m = self.size_m or (wide_m, wide_m, _UNKNOWN_WIDTH_M)
         most_raise_m = min(max(height_m / 2.0 - _TOP_M, 0.0), _MOST_RAISE_M)
