@@ -14,12 +14,16 @@ from servosim.joint import Hand
 from servosim.motor import OUTPUT_INERTIA_KG_M2
 from servosim.parameters import MotorParameters
 from servosim.surroundings import COLOURS, CUBE_HALF_M, Cube
+from servosim.urdf import MovingJoint, read_joints
 
 Array = NDArray[np.float64]
 
 PLAY_SOLREF = (0.002, 1.0)  # a flank stops the rotor in two steps, without a rebound
 CUBE_KG = 0.03  # beech
 CUBE_FRICTION = (1.0, 0.01, 0.0005)  # wood on printed jaws: sliding, about the normal, rolling
+# MuJoCo's contacts yield more if the bodies are lighter: by default, geared fingers pass through a
+# cube. With their own stiffness, which outweighs the cube's, they yield by 0.8 mm at 14 N.
+FINGER_SOLIMP, FINGER_SOLMIX = (0.97, 0.995), 1e3
 FORCE_RATIO = 20.0  # with less, a gripped cube creeps out of the jaws
 NO_SLIP_ITERATIONS = 20  # without them, a gripped cube creeps by 0.3 mm/s, not 0.05
 AT_REST_M_S = 0.002
@@ -187,6 +191,11 @@ def _compile_model(
         _exclude_contacts(spec, spec.worldbody)
         for name in names:
             _add_rotor(spec, name)
+        for gear in spec.equalities:
+            gear.active = False  # of `<mimic>`
+        for joint in read_joints(path):
+            if joint.mimic != joint.name:
+                _add_gear(spec, joint)
         for cube in cubes:
             _add_cube(spec, cube, floor_m or 0.0)
         return spec.compile()
@@ -198,12 +207,12 @@ def _add_cube(spec: mujoco.MjSpec, cube: Cube, floor_m: float) -> None:
     """Add a cube on the floor, and solve contacts exactly enough for gripping by friction."""
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FORCE_RATIO
     spec.option.noslip_iterations = NO_SLIP_ITERATIONS
-    body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + CUBE_HALF_M))
+    body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + cube.half_m))
     body.add_freejoint(name=cube.name)
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=(CUBE_HALF_M,) * 3,
-        mass=CUBE_KG,
+        size=(cube.half_m,) * 3,
+        mass=CUBE_KG * (cube.half_m / CUBE_HALF_M) ** 3,
         friction=CUBE_FRICTION,
         condim=4,
         rgba=(*COLOURS[cube.colour], 1.0),
@@ -216,6 +225,28 @@ def _exclude_contacts(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
         spec.add_exclude(bodyname1=parent.name, bodyname2=link.name)
         if not link.joints:
             _exclude_contacts(spec, link)
+
+
+def _add_gear(spec: mujoco.MjSpec, joint: MovingJoint) -> None:
+    """Make a joint follow its leader under load (`<mimic>`), and stop only where its leader does.
+
+    Old versions of MuJoCo ignore the element. The gear of others yields in proportion to the
+    mobility of both joints, without their ratio: a cube would open the fingers of a light crank.
+    """
+    rod = spec.add_tendon(name=f"{joint.name} gear")
+    rod.wrap_joint(joint.name, 1.0)
+    rod.wrap_joint(joint.mimic, -joint.multiplier)
+    gear = spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_TENDON, objtype=mujoco.mjtObj.mjOBJ_TENDON, name1=rod.name
+    )
+    gear.data[0], gear.solref, gear.solimp[:2] = joint.offset, PLAY_SOLREF, FRICTION_HOLDS
+    for body in spec.bodies:
+        names = [each.name for each in body.joints]
+        if joint.name in names:
+            body.joints[names.index(joint.name)].limited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if joint.name in names or joint.mimic in names:
+            for shape in body.geoms:
+                shape.solimp[:2], shape.solmix = FINGER_SOLIMP, FINGER_SOLMIX
 
 
 def _add_rotor(spec: mujoco.MjSpec, name: str) -> None:

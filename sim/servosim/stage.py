@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servosim.errors import ArmFileError, SimulatorError
-from servosim.surroundings import COLOURS, CUBE_HALF_M, Surroundings
+from servosim.surroundings import COLOURS, Surroundings
 from servosim.urdf import Matrix, base_pose, read_joints
 
 _TABLE_HALF_M, _SQUARE_M = 0.6, 0.05
@@ -130,7 +130,7 @@ class Stage:
             self._add_camera(spec, camera)
             for cube in around.cubes:
                 body = spec.worldbody.add_body(name=cube.name, mocap=True)
-                _add_box(body, (CUBE_HALF_M,) * 3, (*COLOURS[cube.colour], 1.0))
+                _add_box(body, (cube.half_m,) * 3, (*COLOURS[cube.colour], 1.0))
             if board is not None:
                 _add_board(spec, board)
             return spec.compile()

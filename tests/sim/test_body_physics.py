@@ -12,6 +12,7 @@ from servosim.errors import ArmFileError
 from servosim.motor import Motor
 from servosim.mujoco_body import MujocoBody
 from servosim.parameters import PARAMETERS
+from servosim.surroundings import Cube
 from tests.oracle import CONFIGS, tip_from_joints
 
 SO101 = Path(__file__).parents[2] / "configs" / "so101" / "arm.urdf"
@@ -27,6 +28,25 @@ ROD = """<robot name="rod"><link name="base"/>
     <inertia ixx="0.001" iyy="0.004" izz="0.004" ixy="0" ixz="0" iyz="0"/></inertial>
     <collision><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.02 0.02"/></geometry>
     </collision></link></robot>"""
+
+
+# A light crank that drives two fingers, 20 mm per rad, over a table.
+FINGER = """
+  <joint name="{side}" type="prismatic"><parent link="palm"/><child link="{side}"/>
+    <origin xyz="0 0 0.0175"/><axis xyz="0 {sign} 0"/><mimic joint="crank" multiplier="0.02"
+    offset="0.02"/><limit lower="0.01" upper="0.04" effort="9" velocity="1"/></joint>
+  <link name="{side}"><inertial><origin xyz="0 {inner} 0"/><mass value="0.016"/>
+    <inertia ixx="3e-6" iyy="3e-6" izz="3e-6" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 {inner} 0"/><geometry><box size="0.04 0.01 0.02"/></geometry>
+    </collision></link>"""
+CRANKED = f"""<robot name="cranked"><link name="palm"/>
+  <joint name="crank" type="revolute"><parent link="palm"/><child link="crank"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 0 1"/>
+    <limit lower="-0.5" upper="1" effort="1" velocity="3"/></joint>
+  <link name="crank"><inertial><mass value="0.004"/>
+    <inertia ixx="1e-7" iyy="1e-7" izz="4e-7" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  {FINGER.format(side="left", sign="1", inner="0.005")}
+  {FINGER.format(side="right", sign="-1", inner="-0.005")}</robot>"""
 
 
 def rod(folder: Path) -> MujocoBody:
@@ -125,3 +145,18 @@ def test_mujoco_and_built_in_dynamics_agree_on_rest_position() -> None:
         assert theirs == pytest.approx(own, abs=0.001)
         assert lash == pytest.approx(own_lash, abs=1e-5)
         assert abs(own_lash) == STS.backlash_rad / 2.0
+
+
+def test_geared_fingers_hold_cube_under_load(tmp_path: Path) -> None:
+    path = tmp_path / "cranked.urdf"
+    path.write_text(CRANKED)
+    body = MujocoBody(path, ["crank"], [[STS]], cubes=[Cube("red", 0.0, 0.0)])
+    body.place([0.5])
+    for _ in range(2000):
+        body.step(0.001, [-0.5], {})
+    fingers_m = [float(body._data.joint(side).qpos[0]) for side in ("left", "right")]
+    crank = float(body._data.joint("crank").qpos[0])
+    assert fingers_m == pytest.approx([0.0175, 0.0175], abs=0.0012)
+    assert fingers_m == pytest.approx([0.02 * crank + 0.02] * 2, abs=1e-5)
+    ((_, y_m, z_m),) = (T[:3, 3] for T in body.cube_poses())
+    assert (y_m, z_m) == pytest.approx((0.0, 0.0175), abs=0.001)

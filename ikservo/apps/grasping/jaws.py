@@ -15,25 +15,32 @@ from ikservo.model.tool import tool_frame
 
 _LINE_M = np.arange(-0.15, 0.1501, 0.001)  # places along the axis on which the jaws open
 _DEPTHS_M = np.array([0.0, -0.005, -0.01])  # along the tool, at which the jaws are looked for
-_FINGER_M = 0.015  # a finger ends at most this far from the tip, and moves further
+_FINGER_M = 0.02  # a finger ends at most this far from the tip, and moves further
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jaws:
     """Inner faces [m] of the jaws along an axis (3,) of the tip, at joint positions (k,).
 
-    The positions run from closed to open. A face is infinite if its jaw does not reach the tip.
+    The positions run from closed to open. A face is infinite if its jaw does not reach the tip. In
+    all positions the jaws reach beyond the tip by ``beyond_m``, along the tool.
     """
 
     axis: Vector
     positions: Vector
     low_m: Vector
     high_m: Vector
+    beyond_m: float = 0.0
 
     @property
     def most_m(self) -> float:
         """The largest width between the jaws."""
         return float(np.max(self.high_m - self.low_m, where=np.isfinite(self.high_m), initial=0.0))
+
+    @property
+    def least_m(self) -> float:
+        """The smallest width between the jaws."""
+        return float(np.min(self.high_m - self.low_m))
 
     def at_width(self, width_m: float) -> tuple[float, Vector]:
         """Return the joint position for a width of the jaws, and the middle (3,) between them."""
@@ -68,10 +75,11 @@ def find_jaws(model: Model) -> Jaws:
     moved_m = np.linalg.norm(shift_m, axis=1) * (np.abs(ahead_m[:, :, 0]).ravel() < _FINGER_M)
     best = int(np.argmax(moved_m))
     is_seen = moved_m[best] > _FINGER_M
+    beyond_m = max(float(ahead_m[best // 2].max(axis=0).min()), 0.0) if is_seen else 0.0
     axis = shift_m[best] / moved_m[best] if is_seen else tool.left
     if gripper.widths:
         half_m = np.array([gripper.width_m(each) or 0.0 for each in positions]) / 2.0
-        return Jaws(axis, positions, -half_m, half_m)
+        return Jaws(axis, positions, -half_m, half_m, beyond_m)
     unknown = IkservoError(
         f"The width of the gripper of {model.name} is not known.",
         "Give the widths in its arm file ([gripper]).",
@@ -90,4 +98,4 @@ def find_jaws(model: Model) -> Jaws:
         before, after = _LINE_M[blocked[blocked < nearest]], _LINE_M[blocked[blocked > nearest]]
         if len(before) or not len(after):  # otherwise it is behind a fixed jaw: they are closed
             faces[k] = before.max(initial=-np.inf), after.min(initial=np.inf)
-    return Jaws(axis, positions, *faces.T)
+    return Jaws(axis, positions, faces[:, 0], faces[:, 1], beyond_m)

@@ -53,11 +53,12 @@ _UPRIGHT_RAD = math.radians(12.0)  # tolerance with a thing in the jaws
 _UPRIGHT_COSINE = 0.999  # of the tilt of a box that counts as upright
 _CLEARANCE_M = 0.006  # between the thing and each open jaw, if there is room
 _MIN_CLEARANCE_M = 0.001
-_UNKNOWN_WIDTH_M = 0.03  # of a thing that was not picked up by ``Pick``
-_TOP_M = 0.004  # part of a thing above the jaws
+_UNKNOWN_WIDTH_M = 0.03  # of a thing whose size was not given
+_TOP_M = 0.004  # part of a thing above the tip
+_GRIPPED_M = 0.008  # part of a thing between jaws that reach beyond the tip
 _APPROACHES_M = (0.08, 0.05)  # lengths of the straight approach, the best first
 _LOWER_M = 0.001  # jaws that hold another width than planned may reach this much lower
-_RAISES_M = np.arange(0.0, 0.0151, 0.0015)  # of the jaws above the middle, the best first
+_RAISE_STEP_M, _MOST_RAISE_M = 0.0015, 0.015  # of the tip above the middle, the best first
 _SUNK_M = 0.002  # error of a point on the table that is not refused
 _DROPS_M = (0.002, 0.006, 0.01, 0.015, 0.02)  # heights from which a thing is let go
 _OPENED = 0.1  # of the jaws' travel; they have then let go of what was between them
@@ -108,14 +109,15 @@ class Pick(OwnMotion[GraspResult]):
 
     Attributes:
         middle_m: The middle (3,) of the thing, metres, base frame.
-        size_m: The length, width and height (3,) of the thing.
+        size_m: The length, width and height (3,) of the thing; None: 3 cm, or the least width that
+            the jaws hold.
         yaw_rad: The direction of the thing's length, from x towards y.
         speed: See ``MoveTo``.
     """
 
     middle_m: Annotated[Any, _parse_point]
     _: KW_ONLY
-    size_m: Annotated[Any, _parse_size] = (0.03, 0.03, 0.03)
+    size_m: Annotated[Any, _parse_size] = None
     yaw_rad: Annotated[float, _parse_yaw] = 0.0
     speed: Speed = "normal"
 
@@ -127,18 +129,21 @@ class Pick(OwnMotion[GraspResult]):
             UnreachableError: The point is out of reach.
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
-        most_m, (length_m, width_m, height_m) = planner.jaws.most_m, self.size_m
-        most_raise_m = min(max(height_m / 2.0 - _TOP_M, 0.0), float(_RAISES_M[-1]))
-        raises_m = [*_RAISES_M[most_raise_m > _RAISES_M].tolist(), most_raise_m]
-        across = (width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)
-        # Jaws that cannot be turned to a thing turn the thing.
-        sides = [*sorted(across), (math.hypot(length_m, width_m), None)]
-        if sides[0][0] + 2.0 * _MIN_CLEARANCE_M > most_m:
-            wide_mm, most_mm = 1000.0 * sides[0][0], 1000.0 * most_m
-            raise RefusedError(
-                f"The thing is {wide_mm:.0f} mm wide, but the jaws open only {most_mm:.0f} mm.",
-                "Nothing moved. Choose a narrower object.",
-            )
+        most_m, held_m = planner.jaws.most_m, planner.jaws.least_m + 2.0 * _MIN_CLEARANCE_M
+        wide_m = max(_UNKNOWN_WIDTH_M, held_m)
+        length_m, width_m, height_m = self.size_m or (wide_m, wide_m, _UNKNOWN_WIDTH_M)
+        most_raise_m = min(max(height_m / 2.0 - _TOP_M, 0.0), _MOST_RAISE_M)
+        most_raise_m += max(planner.jaws.beyond_m - (_GRIPPED_M - _TOP_M), 0.0)
+        raises_m = [*np.arange(0.0, most_raise_m, _RAISE_STEP_M).tolist(), most_raise_m]
+        across: list[tuple[float, float | None]]
+        across = sorted([(width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)])
+        if across[0][0] + 2.0 * _MIN_CLEARANCE_M > most_m:
+            raise _misfit(across[0][0], "open", most_m, "narrower")
+        sides = [each for each in across if each[0] >= held_m]
+        if not sides:
+            raise _misfit(across[1][0], "close", planner.jaws.least_m, "wider")
+        if len(sides) == 2:  # Jaws that cannot be turned to a thing turn the thing.
+            sides.append((math.hypot(length_m, width_m), None))
 
         def stances() -> Iterator[Stance]:
             for pitch_rad in _PITCHES_RAD.tolist():
@@ -171,7 +176,8 @@ class Pick(OwnMotion[GraspResult]):
             T_base_tip = arm.context.planner.tip_pose(arm.context.servos.measure_positions())
             T = make_pose(np.array(self.middle_m), rotation_rpy(0.0, 0.0, self.yaw_rad))
             grip.jaws_at = report.position_rad
-            grip.T_thing_tip, grip.height_m = np.linalg.inv(T) @ T_base_tip, self.size_m[2]
+            grip.T_thing_tip = np.linalg.inv(T) @ T_base_tip
+            grip.height_m = self.size_m[2] if self.size_m else _UNKNOWN_WIDTH_M
             report = _run(arm, steps[4:], on_progress)
             if report.grasped:
                 return report
@@ -270,6 +276,14 @@ def place(arm: OpenArm, middle_m: ArrayLike, *, speed: str = "normal") -> GraspR
         UnreachableError: The point is out of reach; nothing moved.
     """
     return arm.execute(Place(middle_m, speed=speed))
+
+
+def _misfit(wide_m: float, verb: str, jaws_m: float, better: str) -> RefusedError:
+    return RefusedError(
+        f"The thing is {1000.0 * wide_m:.0f} mm wide, but the jaws {verb} only to "
+        f"{1000.0 * jaws_m:.0f} mm.",
+        f"Nothing moved. Choose a {better} object.",
+    )
 
 
 def _grip_of(arm: ArmParts) -> Grip:

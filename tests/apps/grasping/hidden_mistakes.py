@@ -20,7 +20,7 @@ TICKS_PER_DEG = 4096 / 360
 
 
 @contextmanager
-def hidden_arm_with_cube(name, seed, cube, folder):
+def hidden_arm_with_cube(name, seed, cube, folder, edge_m=0.035):
     """Open an arm that does not know its own mistakes; yield it, its world, and the true camera.
 
     The simulator has zeros of its own, and a member of its family: backlash up to 2 degrees per
@@ -31,6 +31,7 @@ def hidden_arm_with_cube(name, seed, cube, folder):
         seed: The seed of all mistakes.
         cube: The place (2,) of a red cube, m.
         folder: An empty folder.
+        edge_m: The length of the cube's edges.
     """
     chance = np.random.default_rng(seed)
     model = load_model(name)
@@ -41,7 +42,7 @@ def hidden_arm_with_cube(name, seed, cube, folder):
         return f"zero_tick = {int(found[1]) + off}"
 
     file.write_text(re.sub(r"zero_tick = (\d+)", spoil, file.read_text("utf-8")), "utf-8")
-    place = ",".join(f"{each:.4f}" for each in cube)
+    place = ",".join(f"{each:.4f}" for each in (*cube, edge_m))
     port = f"sim:{file}?pose=home&seed={seed}&board=0&physics=1&cubes=red@{place}"
     with ikservo.open_arm(name, port=port) as arm:
         arm.gripper("open")

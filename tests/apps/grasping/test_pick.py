@@ -42,10 +42,36 @@ def test_pick_refuses_object_wider_than_gripper(so101):
     refused(
         so101,
         RefusedError,
-        "90 mm wide, but the jaws open only 7",
+        "90 mm wide, but the jaws open only to 7",
         (0.24, 0.0, 0.02),
         size_m=size_m,
     )
+
+
+@pytest.mark.parametrize(("name", "wide_mm", "least_mm"), [("wx250s", 25, 30), ("vx300s", 35, 42)])
+def test_pick_refuses_object_narrower_than_closed_gripper(name, wide_mm, least_mm):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        refused(
+            arm,
+            RefusedError,
+            f"{wide_mm} mm wide, but the jaws close only to {least_mm} mm",
+            (0.3, 0.0, 0.02),
+            size_m=(0.02, wide_mm / 1000.0, 0.04),
+        )
+
+
+def test_pick_grips_object_across_side_on_which_jaws_close():
+    with ikservo.open_arm("vx300s", port="sim:?pose=home") as arm:
+        motion = Pick((0.3, 0.0, 0.025), size_m=(0.06, 0.035, 0.05), yaw_rad=0.4)
+        steps, _ = motion.plan(arm.context, arm.where().positions_rad)
+        R = arm.context.planner.tip_pose(steps[2].goal)[:3, :3]
+        x, y, _ = R @ find_jaws(arm.model).axis
+        assert abs(math.sin(math.atan2(y, x) - 0.4)) < math.sin(math.radians(15.0))
+
+
+def test_object_of_unknown_size_is_as_wide_as_jaws_hold():
+    with ikservo.open_arm("vx300s", port="sim:?pose=home") as arm:
+        Pick((0.3, 0.0, 0.025)).plan(arm.context, arm.where().positions_rad)
 
 
 def test_pick_refuses_point_below_the_table(so101):
@@ -163,6 +189,17 @@ def test_pick_tries_grip_heights_up_to_highest_secure_one(so101, monkeypatch, he
     assert tried[-1] == pytest.approx(most_m)
 
 
+def test_fingers_that_reach_beyond_tip_grip_higher(monkeypatch):
+    tried = []
+    monkeypatch.setattr(
+        pick_and_place._GraspPlanner, "plan", lambda _, middle, raises, *rest: tried.extend(raises)
+    )
+    with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
+        Pick((0.24, 0.05, 0.0175), size_m=CUBE).plan(arm.context, arm.where().positions_rad)
+    # The fingers end 10 mm beyond the tip; 8 mm of them are on the cube.
+    assert tried[-1] == pytest.approx(0.0175 + 0.010 - 0.008, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     ("name", "x_m", "y_m", "most_m"), [("koch", 0.16, 0.04, 0.004), ("wx250s", 0.24, 0.05, 0.0135)]
 )
@@ -194,6 +231,21 @@ def test_jaw_opening_is_computed_from_gripper_shapes(name, most_mm, beside_mm):
     jaws = find_jaws(load_model(name))
     assert 1000.0 * jaws.most_m == pytest.approx(most_mm, abs=1.0)
     assert 1000.0 * np.linalg.norm(jaws.at_width(0.047)[1]) == pytest.approx(beside_mm, abs=2.0)
+
+
+WITH_WIDTHS = ("open_manipulator_x", "px100", "px150", "rx150", "rx200", "wx200", "wx250s",
+               "vx250", "vx300s")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WITH_WIDTHS)
+def test_fingers_of_description_open_as_wide_as_arm_file_says(name):
+    model = load_model(name)
+    said = find_jaws(model)
+    drawn = find_jaws(replace(model, gripper=replace(model.gripper, widths=())))
+    # The capsules are up to 2 mm thicker than a finger; a crank differs from its line by 2.4 mm.
+    away_m = (drawn.high_m - drawn.low_m) - (said.high_m - said.low_m)
+    assert np.abs(away_m).max() < 0.0085
+    np.testing.assert_allclose(np.abs(drawn.axis), (0.0, 1.0, 0.0), atol=1e-9)
 
 
 def test_pick_and_place_are_program_steps():

@@ -17,6 +17,15 @@ class mjtGeom(Enum):
 class mjtJoint(Enum):
     mjJNT_HINGE = ...
 
+class mjtEq(Enum):
+    mjEQ_TENDON = ...
+
+class mjtObj(Enum):
+    mjOBJ_TENDON = ...
+
+class mjtLimited(Enum):
+    mjLIMITED_FALSE = ...
+
 class mjtIntegrator(Enum):
     mjINT_IMPLICITFAST = ...
 
@@ -96,15 +105,27 @@ class _Compiler:
     balanceinertia: bool
 
 class MjsTendon:
+    name: str
     solref_limit: tuple[float, ...]
     solimp_limit: _Floats
     def wrap_joint(self, joint: str, coef: float) -> object: ...
 
+class MjsEquality:
+    active: bool
+    data: _Floats
+    solref: tuple[float, ...]
+    solimp: _Floats
+
+class MjsJoint:
+    name: str
+    limited: mjtLimited
+
 class MjsBody:
     name: str
+    geoms: list[MjsGeom]
     explicitinertial: bool
     bodies: list[MjsBody]
-    joints: list[object]
+    joints: list[MjsJoint]
     def add_geom(
         self,
         *,
@@ -138,6 +159,8 @@ class MjsBody:
 
 class MjsGeom:
     group: int
+    solimp: _Floats
+    solmix: float
     rgba: _Vector
 
 class MjsMaterial:
@@ -169,6 +192,8 @@ class MjSpec:
     visual: _Visual
     stat: _Size
     geoms: list[MjsGeom]
+    bodies: list[MjsBody]
+    equalities: list[MjsEquality]
     option: _Option
     worldbody: MjsBody
     @staticmethod
@@ -188,7 +213,10 @@ class MjSpec:
         self, *, name: str, texrepeat: _Vector, texuniform: bool, specular: float
     ) -> MjsMaterial: ...
     def add_exclude(self, *, bodyname1: str, bodyname2: str) -> object: ...
-    def add_tendon(self, *, name: str, limited: bool, range: tuple[float, ...]) -> MjsTendon: ...
+    def add_tendon(
+        self, *, name: str, limited: bool = ..., range: tuple[float, ...] = ...
+    ) -> MjsTendon: ...
+    def add_equality(self, *, type: mjtEq, objtype: mjtObj, name1: str) -> MjsEquality: ...
     def compile(self) -> MjModel: ...
 
 class GLContext:
