@@ -157,7 +157,14 @@ def main(args: Sequence[str] | None = None) -> int:
 def _run_and_report(args: Sequence[str]) -> _Outcome:
     """Run one command; report errors on stderr."""
     args = list(args)
-    _prepare_streams()
+    if sys.stdin is None:  # closed by the shell: <&-
+        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: PTH123, SIM115
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the shell: >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # characters that it cannot encode
     with warnings.catch_warnings():
         # As a sentence, without the place in the code that issued it.
         warnings.showwarning = lambda message, category, filename, lineno, file=None, line=None: (
@@ -202,18 +209,6 @@ def _is_interrupt(error: BaseException) -> bool:
     chain = list(_error_chain(error))
     at_prompt = any(isinstance(each, EOFError) for each in chain)
     return not at_prompt and any(isinstance(each, KeyboardInterrupt) for each in chain)
-
-
-def _prepare_streams() -> None:
-    """Replace unencodable characters; treat closed streams as empty."""
-    if sys.stdin is None:  # closed by the shell: <&-
-        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: PTH123, SIM115
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:  # closed by the shell: >&-
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
-        elif isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
 
 
 def _run_command(args: list[str]) -> int:

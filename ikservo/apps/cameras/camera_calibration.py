@@ -281,6 +281,12 @@ class PictureCalibration:
         self._began_s = arm.clock.now_s()
         self._last: Picture | None = None
 
+    def _require_new(self, picture: Picture) -> None:
+        """Refuse a picture that is the same as the last one."""
+        if self._last is not None and np.array_equal(picture, self._last):
+            raise PictureError(*SAME_PICTURE)
+        self._last = picture
+
 
 class CameraCalibration(PictureCalibration):
     """Calibration by an arm that moves the board.
@@ -375,9 +381,7 @@ class CameraCalibration(PictureCalibration):
                 "The brightness of the picture keeps changing.",
                 "Switch the camera's automatic exposure off.",
             )
-        if self._last is not None and np.array_equal(picture, self._last):
-            raise PictureError(*SAME_PICTURE)
-        self._last = picture
+        self._require_new(picture)
         return picture
 
     def _keep(self, picture: Picture) -> None:
