@@ -29,6 +29,7 @@ _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly f
 # A blocked jaw may slip by some ticks. Its goal must then not start to move ahead, because it could
 # not return before the guard reports that the joint does not follow.
 _MOST_AHEAD_RAD = 0.15
+_MAX_S = 60.0  # a jaw may not come to rest, because it swings on something soft
 _ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
 
@@ -90,7 +91,8 @@ class GripperMotion:
             if not is_free:
                 lead = math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
             trajectory.retarget(self._with_position(cycle.goals, at + lead), cycle.time_s)
-        if cycle.time_s >= trajectory.settles_at_s and self._update_rest(at):
+        rests = cycle.time_s >= trajectory.settles_at_s and self._update_rest(at)
+        if rests or cycle.time_s >= _MAX_S:
             trajectory.stop(cycle.time_s)
 
     def has_arrived(self, at: float) -> bool:

@@ -124,6 +124,20 @@ def test_gripper_closes_until_soft_object_stops_yielding(so101):
     assert report.position_rad == pytest.approx(end, abs=0.04 * (opened - closed))
 
 
+def test_gripper_motion_ends_although_jaws_never_rest(so101):
+    open_jaws(so101)
+    there = 0.5 * (jaws(so101).open + jaws(so101).closed)
+
+    def swing(time_s):
+        return there + 0.02 * math.sin(2.0 * time_s), 0.04 * math.cos(2.0 * time_s)
+
+    line_of(so101).world.grasp(jaws(so101).joint, Hand(swing, limit=1e4, only=1))
+    clock = so101.context.servos.clock
+    begun_s = clock.now_s()
+    so101.gripper("close")
+    assert 30.0 < clock.now_s() - begun_s < 70.0
+
+
 def test_jaws_that_are_stuck_open_report_no_grasp(so101):
     open_jaws(so101)
     line_of(so101).servos[servo_id("so101", "gripper")].motor.stuck = True
