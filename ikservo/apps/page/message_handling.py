@@ -141,9 +141,9 @@ class SessionController:
         self._offer.request(self._circumstances())
         client = self._clients[client_id]
         in_control = self._lease.is_held_by(client.lease)
-        picture = self._composer.camera_view(client)
-        if picture is not None:
-            picture.watch(self._arm_thread.snapshot.measured)
+        watches = in_control or self._composer.camera_view(client) is not None
+        if watches and self._camera_view is not None:
+            self._camera_view.watch(self._arm_thread.snapshot.measured)
         if in_control:
             self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
@@ -299,6 +299,7 @@ class SessionController:
                     self._interaction.reset()
                 case _ if isinstance(message, ProgramMessage):
                     self._program.handle(message, self._interaction)
+                    self._offer.drop_step()
                 case _:
                     self._control_handlers.get(type(message), self._handle_input)(message, client)
         except IkservoError as error:
@@ -439,19 +440,9 @@ class SessionController:
         stops = self._arm.context.servos.stop_request.count
         torque = [state.torque for state in snapshot.states]
         around = scene.things, scene.held, scene.arms, view, view and view.change
-        program = self._program.draft.revision
         is_silent = self._lease.silence_s() > _MAX_SILENCE_S
         targets = self._interaction.goal is None, self._interaction.resets
-        return (
-            self._arm_thread.job,
-            stops,
-            snapshot.stop_notice,
-            torque,
-            around,
-            is_silent,
-            targets,
-            program,
-        )
+        return self._arm_thread.job, stops, snapshot.stop_notice, torque, around, is_silent, targets
 
     def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
         """Show another camera; clients whose view no longer exists see the first view."""

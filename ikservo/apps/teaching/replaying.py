@@ -28,6 +28,7 @@ from ikservo.motion import (
     ConcatenatedTrajectory,
     JointMove,
     KinematicLimits,
+    Trajectory,
     TrajectoryPoint,
 )
 from ikservo.planning.context import ArmContext
@@ -158,6 +159,10 @@ def _required_slowdown(
     return slowdown
 
 
+Replayed = tuple[Recording, RecordedTrajectory]
+"""A recording, and the motion along it."""
+
+
 def _parse_file(value: object) -> str:
     return fspath(parse_path(value))
 
@@ -189,7 +194,7 @@ def position_at_rest(arm: ArmParts) -> Vector:
 
 def _load(
     context: ArmContext, motion: Replay, start: Vector, preflight: PreflightPlanner
-) -> tuple[Recording, RecordedTrajectory]:
+) -> Replayed:
     """Load a recording, and check the path to its start and along it.
 
     If only the straight motion to the first pose is blocked, ``preflight`` must plan another one.
@@ -277,10 +282,16 @@ class Replay(OwnMotion[ReplayResult]):
     def __str__(self) -> str:
         return f"recording {self.path}"
 
-    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> ReplayResult:
-        """Move to the first pose of the recording, then along the recording; see `replay`."""
+    def run(
+        self, arm: ArmParts, on_progress: OnProgress | None, loaded: Replayed | None = None
+    ) -> ReplayResult:
+        """Move to the first pose of the recording, then along the recording; see `replay`.
+
+        A recording that was ``loaded`` by `plan` is not read again.
+        """
         context, runner, speed = arm.context, arm.runner, self.speed
-        recording, trajectory = _load(context, self, position_at_rest(arm), arm.preflight)
+        loaded = loaded or _load(context, self, position_at_rest(arm), arm.preflight)
+        recording, trajectory = loaded
         approach_speed = runner.allowed_speed(speed)
         limits = context.planner.motion_limits(approach_speed)
         started_s = context.now_s()
@@ -310,19 +321,29 @@ class Replay(OwnMotion[ReplayResult]):
             measured_tip_m=context.planner.tip(measured),
         )
 
-    def plan(self, context: ArmContext, start: Vector, preflight: PreflightPlanner) -> MotionPlan:
-        """Plan the whole motion from ``start`` (n,), to show it; nothing moves.
+    def plan(
+        self, context: ArmContext, start: Vector, preflight: PreflightPlanner
+    ) -> tuple[Replayed, MotionPlan]:
+        """Load the recording and plan the whole motion from ``start`` (n,); nothing moves.
 
         Raises:
-            IkservoError: The errors of `run`; or the arm would touch something at the start.
+            IkservoError: The errors of `run`.
         """
-        _, recorded = _load(context, self, start, preflight)
-        first = preflight.plan(_first_motion(context, recorded, self.speed))
-        path = ConcatenatedTrajectory(first.trajectory, recorded)
+        loaded = _, recorded = _load(context, self, start, preflight)
+        path = recorded.sample_path()
+        try:
+            _check_recorded_path(context, start, path)
+            limits = context.planner.motion_limits(self.speed)
+            first: Trajectory = JointMove(start, recorded.start, limits)
+        except CollisionError:  # as in `run`
+            first = preflight.plan(_first_motion(context, recorded, self.speed)).trajectory
+        whole = ConcatenatedTrajectory(first, recorded)
+        tips_m = np.array([context.planner.tip(q) for q in [start, *path]])
+        path_m = float(np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum())
         goal = recorded.state(recorded.duration_s).position
-        tips_m = np.array([context.planner.tip(q) for q in recorded.sample_path()])
-        path_m = first.path_m + float(np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum())
-        return replace(first, goal=goal, trajectory=path, duration_s=path.duration_s, path_m=path_m)
+        return loaded, MotionPlan(
+            start, goal, whole, tips_m[-1], path_m, whole.duration_s, self.speed
+        )
 
     def end(self, context: ArmContext, start: Vector) -> Vector:
         """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
@@ -361,9 +382,7 @@ def replay(
     )
 
 
-def load_replay(
-    arm: OpenArm, path: Path | str, *, speed: str = "normal"
-) -> tuple[Recording, RecordedTrajectory]:
+def load_replay(arm: OpenArm, path: Path | str, *, speed: str = "normal") -> Replayed:
     """Read a recording; return it with the motion that ``replay`` would play. Nothing moves.
 
     Raises:

@@ -436,6 +436,61 @@ def recorded(session, folder):
     return joints
 
 
+def go(session):
+    """Execute the shown path, with heartbeats; return how long that took, s."""
+    on_progress, number = session.arm_thread.on_progress, session.interaction.path.number
+
+    def answer(progress):
+        session.send_message(page_messages.Heartbeat, visible=True)
+        on_progress(progress)
+
+    session.send_message(page_messages.ArmAction, action="execute", path=number)
+    session.arm_thread.on_progress = answer
+    begun_s = session.clock.now_s()
+    session.arm_thread.step()
+    session.arm_thread.on_progress = on_progress
+    return session.clock.now_s() - begun_s
+
+
+def test_shown_step_runs_as_it_was_planned_although_its_pose_changes(session):
+    arm = session.arm
+    session.send_message(page_messages.SetSpeed, name="slow")
+    arm.poses.save("drop", {**arm.where().positions, "shoulder_pan": 0.8})
+    step = add(session, "pose", pose="drop")
+    session.send_message(msg.ChangeStep, step=step, speed="fast")
+    session.send_message(msg.ShowStep, step=step)
+    session.planned()
+    plan = session.interaction.path.plan
+    arm.poses.save("drop", {**arm.where().positions, "shoulder_pan": -0.8})
+    took_s = go(session)
+    assert degrees(session, "shoulder_pan") == pytest.approx(math.degrees(0.8), abs=0.5)
+    assert plan.speed == "slow"
+    assert plan.duration_s - 0.1 < took_s < plan.duration_s + 3.0
+
+
+def test_recording_runs_as_it_was_shown_although_its_file_changes(session, own_folder):
+    joints = recorded(session, own_folder)
+    step = add(session, "recording", recording="sweep")
+    session.send_message(msg.ShowStep, step=step)
+    session.planned()
+    (own_folder / f"sweep{SUFFIX}").write_text("damaged")
+    go(session)
+    assert np.abs(session.arm.context.servos.measure_positions() - joints[-1]).max() < 0.02
+
+
+def test_step_with_condition_or_without_a_plan_is_not_shown(session):
+    home = session.arm.where().tip_m.tolist()
+    steps = (
+        ProgramStep(tip_m=home, only_if="grasped"), ProgramStep(gripper="open"),
+        ProgramStep(wait_s=1.0), ProgramStep(motion={"pick": {"middle_m": home}}),
+    )  # fmt: skip
+    for step in steps:
+        number = panel(session).draft.add(step)
+        session.send_message(msg.ShowStep, step=number)
+        session.latest_frames()
+        assert session.interaction.path is None, step
+
+
 def test_chosen_step_with_recording_is_shown_and_replayed_by_go(session, own_folder):
     joints = recorded(session, own_folder)
     session.send_message(msg.ProgramFile, action="new")
@@ -452,15 +507,7 @@ def test_chosen_step_with_recording_is_shown_and_replayed_by_go(session, own_fol
     assert np.abs(path.plan.goal - joints[-1]).max() < 0.02
     assert frames["scene"]["path"]["several"]
     assert session.ticks() == before
-    session.send_message(page_messages.ArmAction, action="execute", path=path.number)
-    on_progress = session.arm_thread.on_progress
-
-    def answer(progress):
-        session.send_message(page_messages.Heartbeat, visible=True)
-        on_progress(progress)
-
-    session.arm_thread.on_progress = answer
-    session.arm_thread.step()
+    go(session)
     assert np.abs(session.arm.context.servos.measure_positions() - joints[-1]).max() < 0.02
 
 

@@ -63,7 +63,9 @@ def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
     if plan is None:
         return [("path", "is being planned", "")]
     direct = "straight" if path.is_straight else "leaving contact"
-    how = "around" if plan.around else direct if path.run is None else "with the jaws"
+    jaws = [tuple(others.values()) for _, others in path.postures]
+    several = "with the jaws" if len(set(jaws)) > 1 else "step"
+    how = "around" if plan.around else direct if path.run is None else several
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:
         text += f", {plan.clearance_m * 1000:.0f} mm clear"

@@ -136,14 +136,15 @@ class CameraView:
             return self.change
         return self.change or "The camera picture is too old. Is the camera connected?"
 
-    def require_usable(self) -> None:
+    def require_usable(self, *, fresh: bool = True) -> None:
         """Refuse targets from a picture that is old, or of a camera that has moved.
 
         Raises:
-            BadMessageError: The picture is old, or the camera has moved.
+            BadMessageError: The camera has moved, or the picture is old and must be ``fresh``.
         """
-        if self.trouble:
-            raise BadMessageError(self.trouble, "Nothing moved. Choose a target in another view.")
+        trouble = self.trouble if fresh else self.change
+        if trouble:
+            raise BadMessageError(trouble, "Nothing moved. Choose a target in another view.")
 
     def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
         """Find the zero that puts the tip at a click on a pixel (2,) of the drawing.

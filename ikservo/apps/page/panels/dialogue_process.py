@@ -28,7 +28,6 @@ from ikservo.apps.workbench.commissioning import (
 from ikservo.apps.workbench.doctor import diagnose
 from ikservo.apps.workbench.findings import Severity
 from ikservo.arm.opening import resolve_port
-from ikservo.clock import RealClock
 from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError
 from ikservo.hardware.port_names import is_simulated, with_simulator_option
@@ -189,12 +188,11 @@ def _sketch(model: Model) -> ArmSketch:
 
 
 def _check(line: Connection, task: CheckServos) -> EntryDialogue[DialogueEnd]:
-    shown, clock = "", RealClock()
-    started_s = clock.now_s()
+    shown = ""
 
     def show_progress(text: str, done: float, total: float) -> None:
         nonlocal shown
-        now = Progress(text, done, total, clock.now_s() - started_s)
+        now = Progress(text, done, total)
         if str(now) != shown:
             shown = str(now)
             line.send(now)

@@ -71,7 +71,7 @@ class MotionOffer:
         """
         if self._arm.model.gripper is None or self._pick_box is None:
             raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moved.")
-        view.require_usable()
+        view.require_usable(fresh=isinstance(camera, LensCamera))
         grip: Any = self._arm.grip
         is_held = grip.is_held_at(self._arm.context, self._thread.snapshot.measured)
         if isinstance(message, msg.RunPanelMotion):
@@ -98,7 +98,7 @@ class MotionOffer:
             if np.isfinite(nearest_m := min(along_m, default=np.inf)):
                 self._choose_block(along_m[nearest_m], before)
             else:
-                text = "No known block is there. Press Pick up to look for blocks."
+                text = "No known block is there. Switch Pick up off and on to look for blocks."
                 self._choice = _ChosenMotion(before, text, blocks=self.blocks)
 
     def _choose_block(self, block: KeepOutShape, before: object) -> None:
@@ -108,6 +108,11 @@ class MotionOffer:
     def choose_step(self, motion: MotionValue[Any], before: object) -> None:
         """Choose the motion of a step of the program."""
         self._choice = _ChosenMotion(before, "", motion=motion)
+
+    def drop_step(self) -> None:
+        """Withdraw the choice if it is a step of the program."""
+        if self._choice is not None and not self._choice.text:
+            self._choice = None
 
     @property
     def blocks(self) -> Sequence[KeepOutShape]:
@@ -153,12 +158,16 @@ class MotionOffer:
         return whole, partial(motion.run, steps=steps)
 
     def _plan_step(self, motion: MotionValue[Any], request: PlanRequest) -> SeveralMotions:
+        """Plan a step at the allowed speed; what runs is what was planned, even if files change."""
         context, start = self._arm.context, request.start
+        motion = motion.with_speed(request.allowed_speed)
         allowed = PlannedStart(start, request.allowed_speed)
         planner = PreflightPlanner(context, allowed, self._arm.poses)
-        is_replay = isinstance(motion, Replay)
-        whole = motion.plan(context, start, planner) if is_replay else planner.plan(motion)
-        return whole, lambda arm, on_progress: arm.execute(motion, on_progress)
+        if isinstance(motion, Replay):
+            replayed, whole = motion.plan(context, start, planner)
+            return whole, partial(motion.run, loaded=replayed)
+        plan = replace(planner.plan(motion), limp_arm=None)
+        return plan, lambda arm, on_progress: arm.execute(plan, on_progress)
 
 
 def _describe(block: KeepOutShape) -> str:

@@ -20,6 +20,7 @@ from ikservo.apps.page.server.server import Frame
 from ikservo.apps.teaching.program import ProgramStep
 from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm import Arm
+from ikservo.arm.own_motion import OwnMotion
 from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motions import MotionValue
@@ -60,18 +61,20 @@ class ProgramPanel:
         self._play, self._state = None, PlayState()  # an edit makes a check invalid
 
     def motion_of(self, number: int) -> MotionValue[Any] | None:
-        """Return the motion of a step; None if it is a wait, or several motions.
+        """Return the motion of a step; None if it has no plan or depends on what was gripped.
 
         Raises:
             InputError: The step no longer exists, or this arm cannot perform it.
         """
         step = self.draft.steps[self.draft.place_of(number)].step
-        if not step.has_speed:
+        if not step.has_speed or step.only_if is not None:
             return None
-        speed, model = step.speed or self.draft.speed, self._arm_thread.arm.model
-        motion = step.to_motion(model, speed)
-        is_replay = isinstance(motion, Replay)
-        return replace(motion, path=self.draft.folder.path / motion.path) if is_replay else motion
+        repetition = (self._state if self._play is None else self._play.state).repetition
+        model = self._arm_thread.arm.model
+        motion = step.at_repetition(max(repetition, 1)).to_motion(model, self.draft.speed)
+        if isinstance(motion, Replay):
+            return replace(motion, path=self.draft.folder.path / motion.path)
+        return None if isinstance(motion, OwnMotion) else motion
 
     def frames(self, client: Client) -> list[Frame]:
         """Return the program and its state, if they have changed since the last call."""

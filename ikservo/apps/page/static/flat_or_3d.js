@@ -13,7 +13,7 @@ const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // name
 const AFTER_LIVE = "3D begins once Live is off";
 const HOPELESS_MS = 1000; // frames as slow as this need no more timing
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
-const SMOOTH_MS = 25; // longest frame of the CPU with more pixels than the page
+const SMOOTH_MS = 12; // a slower frame of the CPU is not drawn with more pixels than the page has
 const COARSE_LEVEL = 3; // level of detail at which 3D on the CPU gives up
 
 export class Rendering {
@@ -79,7 +79,7 @@ export class Rendering {
     this.wanted = wanted;
     this.reason = "";
     if (this.isOn() && this.shapes && !this.scene3d) this.setShapes(this.shapes);
-    if (this.isOn() && this.renderer?.getContext().isContextLost()) this.fallBack(CONTEXT_LOST);
+    if (this.isOn() && this.renderer?.getContext().isContextLost?.()) this.fallBack(CONTEXT_LOST);
     else this.onChange();
   }
 
@@ -138,7 +138,7 @@ export class Rendering {
     if (!on) return;
     this.scene3d.setShadows(detail.shadows);
     // The CPU draws more pixels than the page has if there is time, for smooth edges.
-    const ratio = this.hasCard ? pixelRatio : Math.min(detail.maxRatio, this.frameMs > SMOOTH_MS ? 1 : 2);
+    const ratio = this.hasCard ? pixelRatio : Math.min(detail.maxRatio, this.frameMs && this.frameMs < SMOOTH_MS ? 2 : 1);
     const resized = this.scene3d.fit(this.canvas.clientWidth, this.canvas.clientHeight, ratio);
     if (!resized && isSame(scene, this.shown)) return;
     this.shown = scene;
@@ -159,7 +159,7 @@ export class Rendering {
     this.tried = true;
     const timed = times.slice(WARM_UP_FRAMES).sort((a, b) => a - b);
     this.frameMs = timed[Math.floor(timed.length / 2)];
-    if (this.frameMs > BUDGET_MS) this.giveUpSlow(Math.round(this.frameMs), 1);
+    if (this.frameMs > BUDGET_MS) this.giveUpSlow(Math.round(this.frameMs), this.frameMs > HOPELESS_MS ? COARSE_LEVEL : 1);
   }
 
   // Falls back to 2D at a level of detail, see frame_time.js, unless the user has chosen 3D. Returns

@@ -166,7 +166,8 @@ function showStatus(status) {
   appPanels.setReady(isIdle(status));
   episode.setReady(status.controller === "you");
   $("grasp").disabled = !isIdle(status);
-  $("grasp").hidden = !armInfo.views.includes("camera") || !armInfo.gripper;
+  const hasPicture = view === "camera" || (armInfo.views.includes("camera") && arms.camera.place !== "off");
+  $("grasp").hidden = !hasPicture || !armInfo.gripper;
   if ($("grasp").hidden && isOn($("grasp"))) takeClick(null);
   stopButton.show(status);
   calibration.show(status.calibration);

@@ -226,7 +226,7 @@ export class Program {
       if (state === "now" && row.element.className !== state && $("program").open) this.reveal(row.element);
       if (!this.dragged) setAttribute(row.element, "class", state);
       setAttribute(row.begin, "aria-pressed", row.number === this.from);
-      setAttribute(row.begin, "aria-label", `Begin with step ${row.place}`);
+      setAttribute(row.begin, "aria-label", `Begin with step ${row.place}, and show its motion`);
       row.reason.hidden = !reasons.has(row.number);
       setText(row.reason, reasons.get(row.number) ?? "");
     }

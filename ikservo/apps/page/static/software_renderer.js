@@ -41,6 +41,7 @@ export class SoftwareRenderer {
   }
 
   render(scene, camera) {
+    if (!this.image) return;
     scene.updateMatrixWorld();
     camera.updateMatrixWorld();
     this.pixels.fill(0);
@@ -55,7 +56,9 @@ export class SoftwareRenderer {
     });
     this.toSun = this.sun.position.clone().sub(this.sun.target.position).normalize();
     const order = ({ material }) => 2 * !material.depthTest + material.transparent;
-    for (const part of parts.sort((a, b) => order(a) - order(b))) {
+    const eye = new THREE.Vector3().setFromMatrixPosition(camera.matrixWorld);
+    const away = (part) => eye.distanceTo(new THREE.Vector3().setFromMatrixPosition(part.matrixWorld));
+    for (const part of parts.sort((a, b) => order(a) - order(b) || away(b) - away(a))) {
       if (!part.isMesh) this.drawLines(part);
       else if (part.material.isShadowMaterial) this.drawShadows(part, parts.filter((each) => each.castShadow));
       else for (const pose of posesOf(part)) this.drawMesh(part.geometry, pose, this.paintOf(part.material));
@@ -223,8 +226,9 @@ export class SoftwareRenderer {
     for (let k = 0; k < steps; k++) {
       const share = from + ((to - from) * k) / steps;
       const near = nearness[i] + share * (nearness[j] - nearness[i]);
-      const at = Math.trunc(y[i] + share * down) * width + Math.trunc(x[i] + share * right);
-      for (let row = 0; row < this.ratio; row++) this.fillRow(at + row * width, at + row * width + this.ratio, near, 0, MAX_SHADE, 0, paint);
+      const [column, row] = [Math.trunc(x[i] + share * right), Math.trunc(y[i] + share * down)];
+      const end = Math.min(column + this.ratio, width);
+      for (let each = row; each < row + this.ratio; each++) this.fillRow(each * width + column, each * width + end, near, 0, MAX_SHADE, 0, paint);
     }
   }
 }
