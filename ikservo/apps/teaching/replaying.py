@@ -338,11 +338,20 @@ class Replay(OwnMotion[ReplayResult]):
         except CollisionError:  # as in `run`
             first = preflight.plan(_first_motion(context, recorded, self.speed)).trajectory
         whole = ConcatenatedTrajectory(first, recorded)
-        tips_m = np.array([context.planner.tip(q) for q in [start, *path]])
+        q = np.vstack([start, path])[:, list(context.index.chain)]
+        tips_m = context.chain.forward(q)[:, :3, 3]
         path_m = float(np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum())
         goal = recorded.state(recorded.duration_s).position
         return loaded, MotionPlan(
-            start, goal, whole, tips_m[-1], path_m, whole.duration_s, self.speed
+            start,
+            goal,
+            whole,
+            tips_m[-1],
+            path_m,
+            whole.duration_s,
+            self.speed,
+            names=tuple(context.servos.names),
+            units=tuple(each.joint_map.unit for each in context.servos.driven_joints),
         )
 
     def end(self, context: ArmContext, start: Vector) -> Vector:

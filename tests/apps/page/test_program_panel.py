@@ -1,6 +1,7 @@
 """The page's program in virtual time: taught, edited, saved, checked, played, stopped, resumed."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -421,15 +422,15 @@ def test_hand_guided_recording_is_replayed_as_program_step(session):
     assert degrees(session, "wrist_roll") == pytest.approx(there, abs=1.5)
 
 
-def recorded(session, folder):
-    """Write a recording of the pan that turns by 20° and back, 8 cm from the arm's position."""
+def recorded(session, folder, elbow_rad=0.2):
+    """Write a recording of the pan that turns by 20° and back, with the elbow moved by an angle."""
     folder.mkdir(exist_ok=True)
     arm = session.arm
     start = arm.context.servos.measure_positions()
     column = arm.joint_index.column("shoulder_pan")
     joints = np.repeat(start[None], 101, axis=0)
     joints[:, column] += 0.35 * np.sin(np.linspace(0.0, np.pi, 101))
-    joints[:, arm.joint_index.column("elbow_flex")] -= 0.2
+    joints[:, arm.joint_index.column("elbow_flex")] -= elbow_rad
     with RecordingWriter(folder / f"sweep{SUFFIX}", recording_header(arm.model, 0.02)) as writer:
         for count, each in enumerate(joints):
             writer.write(0.02 * count, each)
@@ -452,14 +453,27 @@ def go(session):
     return session.clock.now_s() - begun_s
 
 
-def test_shown_step_runs_as_it_was_planned_although_its_pose_changes(session):
+def show(session, step):
+    """Show a step, and return the frame of its path; the page answers while it is planned."""
+    session.send_message(msg.ShowStep, step=step)
+    until_s = time.monotonic() + 60.0
+    while time.monotonic() < until_s:
+        session.send_message(page_messages.Heartbeat, visible=True)
+        session.arm_thread.step()
+        frames, path = session.latest_frames(), session.interaction.path
+        if path is not None and (path.plan is not None or path.refusal is not None):
+            return frames["scene"]
+        time.sleep(0.01)
+    raise AssertionError("the step is never planned")
+
+
+def test_shown_step_runs_as_planned_although_its_pose_changes(session):
     arm = session.arm
     session.send_message(page_messages.SetSpeed, name="slow")
     arm.poses.save("drop", {**arm.where().positions, "shoulder_pan": 0.8})
     step = add(session, "pose", pose="drop")
     session.send_message(msg.ChangeStep, step=step, speed="fast")
-    session.send_message(msg.ShowStep, step=step)
-    session.planned()
+    show(session, step)
     plan = session.interaction.path.plan
     arm.poses.save("drop", {**arm.where().positions, "shoulder_pan": -0.8})
     took_s = go(session)
@@ -468,11 +482,12 @@ def test_shown_step_runs_as_it_was_planned_although_its_pose_changes(session):
     assert plan.duration_s - 0.1 < took_s < plan.duration_s + 3.0
 
 
-def test_recording_runs_as_it_was_shown_although_its_file_changes(session, own_folder):
-    joints = recorded(session, own_folder)
+def test_shown_recording_runs_although_its_file_changes(session, own_folder):
+    joints = recorded(session, own_folder, 0.0)
     step = add(session, "recording", recording="sweep")
-    session.send_message(msg.ShowStep, step=step)
-    session.planned()
+    scene = show(session, step)
+    assert len(scene["path"]["joints"]) == 25  # although it ends where it begins
+    assert len(scene["swept"]) == 5
     (own_folder / f"sweep{SUFFIX}").write_text("damaged")
     go(session)
     assert np.abs(session.arm.context.servos.measure_positions() - joints[-1]).max() < 0.02
@@ -496,8 +511,7 @@ def test_chosen_step_with_recording_is_shown_and_replayed_by_go(session, own_fol
     session.send_message(msg.ProgramFile, action="new")
     step = add(session, "recording", recording="sweep")
     before = session.ticks()
-    session.send_message(msg.ShowStep, step=step)
-    frames = session.planned()
+    scene = show(session, step)
     path = session.interaction.path
     index = session.arm.joint_index
     shown = np.array([chain for chain, _ in path.postures])
@@ -505,7 +519,7 @@ def test_chosen_step_with_recording_is_shown_and_replayed_by_go(session, own_fol
     away = np.abs(shown - index.chain_joints(furthest)).max(axis=1)
     assert away.min() < 0.05
     assert np.abs(path.plan.goal - joints[-1]).max() < 0.02
-    assert frames["scene"]["path"]["several"]
+    assert scene["path"]["several"]
     assert session.ticks() == before
     go(session)
     assert np.abs(session.arm.context.servos.measure_positions() - joints[-1]).max() < 0.02
@@ -522,8 +536,7 @@ def test_shown_step_is_withdrawn_by_an_edit_or_another_choice(session, own_folde
         lambda: session.send_message(msg.ChangeStep, step=step, speed="fast"),
         lambda: session.send_message(page_messages.Stop),
     ):
-        session.send_message(msg.ShowStep, step=step)
-        session.planned()
+        show(session, step)
         withdraw()
         session.latest_frames()
         assert session.interaction.path is None

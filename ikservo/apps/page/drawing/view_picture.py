@@ -55,12 +55,15 @@ class SceneState:
 
     @property
     def shows_goal(self) -> bool:
-        """Whether there is a goal that differs from the measured position.
+        """Whether there is a goal that differs from the measured position, or several motions.
 
-        Differences below the resolution of servos are ignored.
+        Differences below the resolution of servos are ignored. Several motions may end where they
+        begin.
         """
         if self.goal is None:
             return False
+        if self.path is not None and self.path.run is not None:
+            return True
         others = self.goal_other_joints or {}
         away = [abs(others[name] - at) for name, at in self.other_joints.items() if name in others]
         return max(float(np.abs(self.goal - self.measured).max()), *away, 0.0) >= _SAME_RAD
