@@ -162,12 +162,7 @@ class CollisionBody:
         """Return the height above the table of each link except the root, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
-        owners = [capsule.link for capsule in self._capsules]
-        first = [owners.index(link) for link in self._links]
-        per_link = np.minimum.reduceat(lowest, first, axis=1)
-        moving = [i for i, link in enumerate(self._links) if link != self._chain.base]
-        pairs = tuple((self._links[i], "the table") for i in moving)
-        return PairDistances(pairs, per_link[:, moving])
+        return self._min_by_link(lowest, "the table")
 
     def pack(self) -> PackedBody:
         """Pack the body into arrays of numbers, which are shared and must not be changed."""
@@ -198,6 +193,14 @@ class CollisionBody:
         poses = self._chain.link_poses(q)
         ends = [capsule.ends(poses[capsule.link]) for capsule in self._capsules]
         return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
+
+    def _min_by_link(self, gap_m: Matrix, other: str) -> PairDistances:
+        """Return the minimum distance over the capsules of each link except the root."""
+        owners = [capsule.link for capsule in self._capsules]
+        first = [owners.index(link) for link in self._links]
+        per_link = np.minimum.reduceat(gap_m, first, axis=1)
+        moving = [i for i, link in enumerate(self._links) if link != self._chain.base]
+        return PairDistances(tuple((self._links[i], other) for i in moving), per_link[:, moving])
 
     def _capsule_pairs(self) -> tuple[list[int], list[int], list[int]]:
         """Return the capsules to compare, grouped by pair of links, and the start of each group."""

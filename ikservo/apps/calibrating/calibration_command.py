@@ -71,7 +71,11 @@ def restore(connection: NamedServoConnection, *, json: JsonOption = False) -> No
 
     ikservo calibration restore so101
     """
-    _put_back(connection, restore_calibration, "calibration-restore", json=json)
+    path, calibration = _of_file(connection, lambda path, _: restore_calibration(path))
+    if json:
+        print_json("calibration-restore", path=path, written=str(calibration.written))
+    else:
+        _report_restored(path, calibration)
 
 
 def undo(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
@@ -79,7 +83,11 @@ def undo(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
 
     ikservo calibration undo so101
     """
-    _put_back(connection, undo_calibration, "calibration-undo", json=json)
+    path, calibration = _of_file(connection, lambda path, _: undo_calibration(path))
+    if json:
+        print_json("calibration-undo", path=path, written=str(calibration.written))
+    else:
+        _report_restored(path, calibration)
 
 
 def diff(connection: NamedServoConnection, *, json: JsonOption = False) -> None:
@@ -169,17 +177,7 @@ def _of_file(
     return path, calibration
 
 
-def _put_back(
-    connection: NamedServoConnection,
-    restore_file: Callable[[Path], Calibration],
-    schema: str,
-    *,
-    json: bool,
-) -> None:
-    path, calibration = _of_file(connection, lambda path, _: restore_file(path))
-    if json:
-        print_json(schema, path=path, written=str(calibration.written))
-        return
+def _report_restored(path: Path, calibration: Calibration) -> None:
     print_lines([f"Restored {path}, written on {calibration.written:%Y-%m-%d}."])
     print_status(f"Compare it with the servos: ikservo calibration diff {calibration.arm}")
 
