@@ -255,9 +255,16 @@ def test_cancelled_agent_call_stops_the_arm(open_session):
         session.agent.arm.enable()  # a limp arm sinks between plan and motion
         far = session.plan(move_joints={"positions": {"shoulder_pan": 1.5}, "speed": "slow"})
 
+        def has_moved():
+            return abs(session.agent.arm.where().positions["shoulder_pan"]) > 0.02
+
         async def cancel(client):
-            with anyio.move_on_after(1.0):
-                await client.call_tool("execute", {"plan_id": far})
+            async with anyio.create_task_group() as calls:
+                calls.start_soon(client.call_tool, "execute", {"plan_id": far})
+                with anyio.fail_after(60.0):
+                    while not has_moved():
+                        await anyio.sleep(0.05)
+                calls.cancel_scope.cancel()
 
         session.run(cancel)
         assert "cancelled" in session.agent.arm.stopped_for
