@@ -303,8 +303,8 @@ def _direction_request(
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (
-        f"{subject.name}: its sign contradicts the arm file. Was it first moved the "
-        "wrong way? Move it back to where it was."
+        f"{subject.name} turned against the direction that is known of this arm. Was it first "
+        "moved the wrong way, or did another joint move? Move all back to where they were."
     )
 
 

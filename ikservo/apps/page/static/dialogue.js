@@ -27,7 +27,7 @@ export class ServerDialogue {
     $("dialogue").hidden = !dialogue;
     for (const button of START_BUTTONS) $(button).disabled = Boolean(dialogue) && !isOver(dialogue);
     $("dialogue").replaceChildren(...(dialogue ? this.createParts(dialogue) : []));
-    $("dialogue").querySelector("ul")?.scrollTo(0, 1e6); // scroll to the latest line
+    $("dialogue").querySelector("ul")?.scrollTo(0, dialogue && isOver(dialogue) ? 0 : 1e6); // the latest line, or all of the result
     if (dialogue?.question) $("dialogue").querySelector("form :is(input, select, button)").focus();
     if (dialogue && (dialogue.question || isOver(dialogue))) $("dialogue").lastElementChild.scrollIntoView({ block: "nearest" });
   }
