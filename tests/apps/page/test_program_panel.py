@@ -356,6 +356,8 @@ def test_invalid_program_files_and_steps_are_refused_on_page(session, own_folder
         (msg.AddStep, {"what": "wait", "after": 99}, "That step no longer exists"),
         (msg.DeleteStep, {"step": 99}, "That step no longer exists"),
         (msg.ChangeStep, {"step": 99}, "That step no longer exists"),
+        (msg.ChangeStep, {"step": kept, "pause": "look"}, "This step has another action"),
+        (msg.AddStep, {"what": "program", "program": "nothing"}, "nothing"),
         (msg.RunProgram, {"action": "play", "step": 99}, "That step no longer exists"),
         (msg.RunProgram, {"action": "pause"}, "No program is being played"),
     ]:
@@ -366,6 +368,34 @@ def test_invalid_program_files_and_steps_are_refused_on_page(session, own_folder
     session.send_message(msg.DeleteStep, step=kept)
     with pytest.raises(BadMessageError, match="has no steps"):
         session.send_message(msg.RunProgram, action="play")
+
+
+def test_condition_pause_and_called_program_are_saved_and_played(session, own_folder):
+    teach_target(session, "wrist_roll", 20.0)
+    session.send_message(msg.ProgramFile, action="save", name="turn")
+    session.send_message(msg.ProgramFile, action="new")
+    never = teach_target(session, "wrist_roll", -30.0)
+    session.send_message(msg.ChangeStep, step=never, only_if="grasped")
+    pause = add(session, "pause")
+    session.send_message(
+        msg.ChangeStep, step=pause, pause="Put a cup there.", only_if="not grasped"
+    )
+    add(session, "program", program="turn")
+    session.send_message(msg.ProgramFile, action="save", name="all")
+    steps = read_program(own_folder / "all.toml").steps
+    assert [step.only_if for step in steps] == ["grasped", "not grasped", None]
+    assert (steps[1].pause, steps[2].program) == ("Put a cup there.", "turn.toml")
+    seen = []
+
+    def answer(_count):
+        state = panel(session).state_fields()
+        if state["phase"] == "waiting":
+            seen.append(state["reason"])
+            session.send_message(msg.RunProgram, action="play")
+
+    assert run(session, on_cycle=answer)["phase"] == "done"
+    assert set(seen) == {"Put a cup there."}
+    assert degrees(session, "wrist_roll") == pytest.approx(20.0, abs=0.5)
 
 
 def test_a_watcher_sees_the_program_and_cannot_change_it(session):

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ikservo.apps.page.messages.message_fields import Name, PageMessage
-from ikservo.apps.teaching.program import Repeat, Speed
+from ikservo.apps.teaching.program import Label, Repeat, Speed
 
 StepNumber = Annotated[int, Field(ge=1, le=2**31)]
 Place = Annotated[int, Field(ge=0, le=1000)]
@@ -22,30 +22,41 @@ class AddStep(PageMessage):
 
     Attributes:
         what: The present joint positions, those of the shown target, a named pose, a recording, the
-            gripper, or a wait.
+            gripper, a wait, a pause until a person continues, or another program.
         path: The path to the present pose or the target: a joint motion, or a line of the tip.
         pose: The name of a named pose.
         recording: The name of a recording in the folder of the programs.
+        program: The name of a program in that folder.
         wait_s: The duration of a wait.
         after: The step after which the new step is inserted; None to append the step.
     """
 
     kind: Literal["add_step"]
-    what: Literal["arm", "target", "pose", "recording", "open", "close", "wait"]
+    what: Literal["arm", "target", "pose", "recording", "program", "open", "close", "wait", "pause"]
     path: Literal["joints", "line"] = "joints"
     pose: Name | None = None
     recording: Name | None = None
+    program: Name | None = None
     wait_s: Wait = 1.0
     after: StepNumber | None = None
 
 
 class ChangeStep(PageMessage):
-    """Set the speed of a step (None for the speed of the program), or the duration of a wait."""
+    """Set all that can be changed of a step.
+
+    Attributes:
+        speed: The speed; None for the speed of the program.
+        wait_s: The duration of a wait; None for other steps.
+        pause: What a person does in a pause; None for other steps.
+        only_if: The condition under which the step runs; None for always.
+    """
 
     kind: Literal["change_step"]
     step: StepNumber
     speed: Speed | None = None
     wait_s: Wait | None = None
+    pause: Label | None = None
+    only_if: Literal["grasped", "not grasped"] | None = None
 
 
 class MoveStep(PageMessage):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from ikservo.apps.page.running.record_job import SUFFIX
 from ikservo.apps.teaching.program import (
@@ -102,19 +103,20 @@ class ProgramDraft:
         self._set_steps((*self.steps[:place], added, *self.steps[place:]))
         return added.number
 
-    def change(self, number: int, *, speed: Speed | None, wait_s: float | None) -> None:
-        """Set the speed of a step, or the duration of a wait.
+    def change(self, number: int, *, speed: Speed | None, **values: Any) -> None:  # noqa: ANN401
+        """Set the values that ``ChangeStep`` describes.
 
         Raises:
-            InputError: The step no longer exists, or is not a wait.
+            InputError: The step no longer exists, or has no such value.
         """
         place = self.place_of(number)
         old = self.steps[place].step
-        if wait_s is not None and old.wait_s is None:
-            raise InputError("Only a wait has a duration.", "Nothing was changed.")
+        for key in ("wait_s", "pause"):
+            if (values[key] is None) != (getattr(old, key) is None):
+                raise InputError("This step has another action.", "Nothing was changed.")
         if speed is not None and not old.has_speed:
             raise InputError("This step has no speed.", "Nothing was changed.")
-        new = old.model_copy(update={"speed": speed, "wait_s": wait_s or old.wait_s})
+        new = old.model_copy(update={"speed": speed, **values})
         changed = replace(self.steps[place], step=new)
         self._set_steps((*self.steps[:place], changed, *self.steps[place + 1 :]))
 

@@ -21,7 +21,7 @@ from ikservo.apps.teaching.program import ProgramStep
 from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm import Arm
 from ikservo.arm.own_motion import OwnMotion
-from ikservo.errors import InputError
+from ikservo.errors import InputError, UnknownNameError
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motions import MotionValue
 
@@ -119,6 +119,8 @@ class ProgramPanel:
                     "has_speed": each.step.has_speed,
                     "speed": each.step.speed,
                     "wait_s": each.step.wait_s,
+                    "pause": each.step.pause,
+                    "only_if": each.step.only_if,
                 }
                 for each in draft.steps
             ],
@@ -158,7 +160,13 @@ class ProgramPanel:
             case msg.AddStep():
                 draft.add(self._make_step(message, interaction.goal), message.after)
             case msg.ChangeStep():
-                draft.change(message.step, speed=message.speed, wait_s=message.wait_s)
+                draft.change(
+                    message.step,
+                    speed=message.speed,
+                    wait_s=message.wait_s,
+                    pause=message.pause,
+                    only_if=message.only_if,
+                )
             case msg.MoveStep():
                 draft.move(message.step, message.to)
             case msg.DeleteStep():
@@ -206,6 +214,13 @@ class ProgramPanel:
         match message.what:
             case "wait":
                 return ProgramStep(wait_s=message.wait_s)
+            case "pause":
+                return ProgramStep(pause="Continue when you are ready.")
+            case "program":
+                names = self.draft.folder.names()
+                if message.program not in names:
+                    raise UnknownNameError("program", message.program or "", names)
+                return ProgramStep(program=f"{message.program}.toml")
             case "open" | "close":
                 if arm.model.gripper is None:
                     raise InputError("This arm has no gripper.", "Nothing was added.")

@@ -29,14 +29,14 @@ export class Program {
     add("add-open", () => ({ what: "open" }));
     add("add-close", () => ({ what: "close" }));
     add("add-wait", () => ({ what: "wait" }));
-    $("add-pose").onchange = () => {
-      if ($("add-pose").value) this.send("add_step", { what: "pose", pose: $("add-pose").value });
-      $("add-pose").value = "";
-    };
-    $("add-recording").onchange = () => {
-      if ($("add-recording").value) this.send("add_step", { what: "recording", recording: $("add-recording").value });
-      $("add-recording").value = "";
-    };
+    add("add-pause", () => ({ what: "pause" }));
+    for (const what of ["pose", "recording", "program"]) {
+      const list = $(`add-${what}`);
+      list.onchange = () => {
+        if (list.value) this.send("add_step", { what, [what]: list.value });
+        list.value = "";
+      };
+    }
     $("program").ontoggle = () => $("program").open && $("program").scrollIntoView({ block: "nearest" });
     $("program-show").onclick = () => this.bringIntoSight();
     $("record-step").onclick = () => this.send("record_step", { on: !this.state.recording });
@@ -100,7 +100,9 @@ export class Program {
     $("program-repeat").value = program.repeat;
     $("program-files").replaceChildren(...program.names.map((name) => createElement("option", { value: name, selected: name === program.name }, name)));
     setText($("program-folder"), `Kept in ${program.folder}; to run one in a terminal: ikservo program run FILE`);
-    $("add-recording").replaceChildren(createElement("option", { value: "" }, "+ Recording …"), ...program.recordings.map((name) => createElement("option", { value: name }, name)));
+    for (const [id, label, names] of [["add-recording", "+ Recording …", program.recordings], ["add-program", "+ Program …", program.names]]) {
+      $(id).replaceChildren(createElement("option", { value: "" }, label), ...names.map((name) => createElement("option", { value: name }, name)));
+    }
     this.renderSteps();
     this.update();
   }
@@ -126,8 +128,9 @@ export class Program {
     if (focused) $("program-steps").querySelector(`li[data-step="${focused.step}"] [data-part="${focused.part}"]`)?.focus();
   }
 
-  createRow({ number, text, title, action, has_speed, speed, wait_s }, i) {
+  createRow({ number, text, title, action, has_speed, speed, wait_s, pause, only_if }, i) {
     const place = i + 1;
+    const change = (fields) => this.send("change_step", { step: number, speed, wait_s, pause, only_if, ...fields });
     const part = (name, attributes, content) => createElement("button", { type: "button", "data-part": name, ...attributes }, content);
     const grip = part("grip", { class: "grip", "aria-label": `Move step ${place}: arrow up, arrow down`, title: "Drag, or arrow keys" }, "⠿");
     grip.onpointerdown = (event) => this.startDrag(event, number);
@@ -136,26 +139,22 @@ export class Program {
     const words = createElement("span", { class: "what", title }, text);
     const remove = part("delete", { class: "step", "aria-label": `Delete step ${place}`, onclick: () => this.send("delete_step", { step: number }) }, "×");
     const reason = createElement("span", { class: "reason", hidden: true });
-    const option = action === "wait_s" ? this.createWait(number, place, speed, wait_s) : has_speed ? this.createSpeed(number, place, speed) : createElement("span");
-    return { number, place, begin, reason, element: createElement("li", { "data-step": number }, grip, begin, words, option, remove, reason) };
+    const option = action === "wait_s" ? this.createWait(place, wait_s, change) : action === "pause" ? createPause(place, pause, change) : has_speed ? createSpeed(place, speed, change) : null;
+    const options = createElement("span", { class: "options" }, ...[option, createCondition(place, only_if, change)].filter(Boolean));
+    return { number, place, begin, reason, element: createElement("li", { "data-step": number }, grip, begin, words, options, remove, reason) };
   }
 
-  createWait(number, place, speed, wait_s) {
+  createWait(place, wait_s, change) {
     const field = createElement("input", { type: "text", inputmode: "decimal", "data-part": "option", "aria-label": `Wait of step ${place}, seconds`, value: wait_s });
     field.onchange = () => {
       const value = parseNumber(field.value);
-      if (value > 0 && value <= 3600) this.send("change_step", { step: number, speed, wait_s: value });
+      if (value > 0 && value <= 3600) change({ wait_s: value });
       else {
         this.refuse(`“${field.value.slice(0, 20)}” is not a waiting time: more than 0 and at most 3600 seconds.`);
         field.value = wait_s;
       }
     };
     return field;
-  }
-
-  createSpeed(number, place, speed) {
-    const options = ["", ...SPEEDS].map((name) => createElement("option", { value: name, selected: name === (speed ?? "") }, name || "as all"));
-    return createElement("select", { "data-part": "option", "aria-label": `Speed of step ${place}`, onchange: (event) => this.send("change_step", { step: number, speed: event.target.value || null }) }, ...options);
   }
 
   // The motion of the chosen step is shown from the present position.
@@ -259,4 +258,21 @@ export class Program {
       default: return this.steps.length ? "" : "No steps yet. Move the arm or its target, then add the position as a step. Save the program under a name to run it later.";
     }
   }
+}
+
+function createPause(place, pause, change) {
+  const field = createElement("input", { type: "text", class: "pause", maxlength: 80, "data-part": "option", "aria-label": `What to do in step ${place}`, value: pause });
+  field.onchange = () => (field.value.trim() ? change({ pause: field.value.trim() }) : (field.value = pause));
+  return field;
+}
+
+function createSpeed(place, speed, change) {
+  const options = ["", ...SPEEDS].map((name) => createElement("option", { value: name, selected: name === (speed ?? "") }, name || "as all"));
+  return createElement("select", { "data-part": "option", "aria-label": `Speed of step ${place}`, onchange: (event) => change({ speed: event.target.value || null }) }, ...options);
+}
+
+// Whether the step depends on what the gripper held when it last moved.
+function createCondition(place, condition, change) {
+  const options = ["", "grasped", "not grasped"].map((name) => createElement("option", { value: name, selected: name === (condition ?? "") }, name ? `if ${name}` : "always"));
+  return createElement("select", { "data-part": "condition", "aria-label": `Condition of step ${place}`, onchange: (event) => change({ only_if: event.target.value || null }) }, ...options);
 }
