@@ -29,7 +29,7 @@ _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly f
 # A blocked jaw may slip by some ticks. Its goal must then not start to move ahead, because it could
 # not return before the guard reports that the joint does not follow.
 _MOST_AHEAD_RAD = 0.15
-_MAX_S = 60.0  # a jaw may not come to rest, because it swings on something soft
+_MAX_S = 60.0  # longest motion: jaws that swing on something soft do not come to rest
 _ARRIVED_RAD = 0.05  # at the horn: a jaw this near its goal has reached it
 
 

@@ -17,7 +17,7 @@ R = TypeVar("R")
 class OwnMotion(MotionValue[R]):
     """A motion that an app defines, for steps of programs and for ``Arm.execute`` and ``start``.
 
-    Such a motion has no plan to show beforehand, and runs only on the machine of the servos.
+    ``Arm.plan`` cannot plan such a motion, which runs only on the machine of the servos.
     """
 
     @abstractmethod

@@ -303,8 +303,8 @@ def _direction_request(
     if state.returned:
         return f"Move {subject.name} again {direction}."
     return (
-        f"{subject.name} turned against the direction that is known of this arm. Was it first "
-        "moved the wrong way, or did another joint move? Move all back to where they were."
+        f"{subject.name} turned opposite to the direction in the arm file. Was it first moved the "
+        "wrong way, or did another joint move? Move every joint back to where it was."
     )
 
 

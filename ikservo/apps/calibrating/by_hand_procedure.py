@@ -49,7 +49,7 @@ def blocking_issues(state: CalibrationState) -> Iterator[CalibrationError]:
     current = state.current_joint
     if current and state.is_second_trial:
         yield CalibrationError(
-            f"{current.name} turned against the direction that is known of this arm.",
+            f"{current.name} turned opposite to the direction in the arm file.",
             "Move it back, then again in the direction shown, or skip it.",
         )
     elif current:

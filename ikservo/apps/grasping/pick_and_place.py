@@ -129,19 +129,23 @@ class Pick(OwnMotion[GraspResult]):
             UnreachableError: The point is out of reach.
         """
         planner, middle_m = _GraspPlanner(context, start, self.speed), np.array(self.middle_m)
-        most_m, held_m = planner.jaws.most_m, planner.jaws.least_m + 2.0 * _MIN_CLEARANCE_M
-        wide_m = max(_UNKNOWN_WIDTH_M, held_m)
+        most_m, least_m = planner.jaws.most_m, planner.jaws.least_m
+        held_m = least_m and least_m + 2.0 * _MIN_CLEARANCE_M, most_m - 2.0 * _MIN_CLEARANCE_M
+        wide_m = max(_UNKNOWN_WIDTH_M, held_m[0])
         length_m, width_m, height_m = self.size_m or (wide_m, wide_m, _UNKNOWN_WIDTH_M)
         most_raise_m = min(max(height_m / 2.0 - _TOP_M, 0.0), _MOST_RAISE_M)
         most_raise_m += max(planner.jaws.beyond_m - (_GRIPPED_M - _TOP_M), 0.0)
         raises_m = [*np.arange(0.0, most_raise_m, _RAISE_STEP_M).tolist(), most_raise_m]
         across: list[tuple[float, float | None]]
         across = sorted([(width_m, self.yaw_rad + math.pi / 2.0), (length_m, self.yaw_rad)])
-        if across[0][0] + 2.0 * _MIN_CLEARANCE_M > most_m:
-            raise _misfit(across[0][0], "open", most_m, "narrower")
-        sides = [each for each in across if each[0] >= held_m]
+        sides = [each for each in across if held_m[0] <= each[0] <= held_m[1]]
         if not sides:
-            raise _misfit(across[1][0], "close", planner.jaws.least_m, "wider")
+            wide = " by ".join(dict.fromkeys(f"{1000.0 * each:.0f}" for each, _ in across))
+            held = " to ".join(f"{1000.0 * each:.0f}" for each in held_m)
+            raise RefusedError(
+                f"The thing is {wide} mm wide, but the jaws hold only {held} mm.",
+                "Nothing moved. Choose another object.",
+            )
         if len(sides) == 2:  # Jaws that cannot be turned to a thing turn the thing.
             sides.append((math.hypot(length_m, width_m), None))
 
@@ -276,14 +280,6 @@ def place(arm: OpenArm, middle_m: ArrayLike, *, speed: str = "normal") -> GraspR
         UnreachableError: The point is out of reach; nothing moved.
     """
     return arm.execute(Place(middle_m, speed=speed))
-
-
-def _misfit(wide_m: float, verb: str, jaws_m: float, better: str) -> RefusedError:
-    return RefusedError(
-        f"The thing is {1000.0 * wide_m:.0f} mm wide, but the jaws {verb} only to "
-        f"{1000.0 * jaws_m:.0f} mm.",
-        f"Nothing moved. Choose a {better} object.",
-    )
 
 
 def _grip_of(arm: ArmParts) -> Grip:

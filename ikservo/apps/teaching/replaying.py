@@ -18,7 +18,7 @@ from ikservo.arm.arm_protocol import ArmParts, OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
-from ikservo.arm.plan_execution import plan_and_execute
+from ikservo.arm.plan_execution import execute, plan_and_execute
 from ikservo.control.stillness import StillnessDetector, read_until_at_rest
 from ikservo.errors import CollisionError, FileFormatError, RefusedError
 from ikservo.files.reading import parse_path
@@ -32,7 +32,7 @@ from ikservo.motion import (
     TrajectoryPoint,
 )
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motion_plan import MotionPlan, sample_states
 from ikservo.planning.motions import MoveJoints, Speed
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
@@ -159,8 +159,8 @@ def _required_slowdown(
     return slowdown
 
 
-Replayed = tuple[Recording, RecordedTrajectory]
-"""A recording, and the motion along it."""
+Replayed = tuple[Recording, RecordedTrajectory, MotionPlan | None]
+"""A recording, the motion along it, and the plan of a way around to its start if one is needed."""
 
 
 def _parse_file(value: object) -> str:
@@ -194,7 +194,7 @@ def position_at_rest(arm: ArmParts) -> Vector:
 
 def _load(
     context: ArmContext, motion: Replay, start: Vector, preflight: PreflightPlanner
-) -> Replayed:
+) -> tuple[Recording, RecordedTrajectory]:
     """Load a recording, and check the path to its start and along it.
 
     If only the straight motion to the first pose is blocked, ``preflight`` must plan another one.
@@ -287,11 +287,13 @@ class Replay(OwnMotion[ReplayResult]):
     ) -> ReplayResult:
         """Move to the first pose of the recording, then along the recording; see `replay`.
 
-        A recording that was ``loaded`` by `plan` is not read again.
+        A recording that was ``loaded`` by `plan` is not read again, and the way to its start is the
+        one that was planned.
         """
         context, runner, speed = arm.context, arm.runner, self.speed
-        loaded = loaded or _load(context, self, position_at_rest(arm), arm.preflight)
-        recording, trajectory = loaded
+        if is_new := loaded is None:
+            loaded = (*_load(context, self, position_at_rest(arm), arm.preflight), None)
+        recording, trajectory, detour = loaded
         approach_speed = runner.allowed_speed(speed)
         limits = context.planner.motion_limits(approach_speed)
         started_s = context.now_s()
@@ -301,9 +303,13 @@ class Replay(OwnMotion[ReplayResult]):
             return JointMove(start, trajectory.start, limits)
 
         reporter = context.progress_reporter(on_progress)
+        if detour is not None:
+            execute(arm, replace(detour, limp_arm=None), on_progress)
         try:
             runner.run(approach, reporter, approach_speed)
         except CollisionError:  # nothing has moved
+            if not is_new:
+                raise
             path = trajectory.sample_path()
             _check_recorded_path(context, path[0], path)
             plan_and_execute(arm, _first_motion(context, trajectory, speed), on_progress)
@@ -329,30 +335,31 @@ class Replay(OwnMotion[ReplayResult]):
         Raises:
             IkservoError: The errors of `run`.
         """
-        loaded = _, recorded = _load(context, self, start, preflight)
-        path = recorded.sample_path()
+        recording, recorded = _load(context, self, start, preflight)
+        detour: MotionPlan | None = None
         try:
-            _check_recorded_path(context, start, path)
+            _check_recorded_path(context, start, recorded.sample_path())
             limits = context.planner.motion_limits(self.speed)
             first: Trajectory = JointMove(start, recorded.start, limits)
         except CollisionError:  # as in `run`
-            first = preflight.plan(_first_motion(context, recorded, self.speed)).trajectory
+            detour = preflight.plan(_first_motion(context, recorded, self.speed))
+            first = detour.trajectory
         whole = ConcatenatedTrajectory(first, recorded)
-        q = np.vstack([start, path])[:, list(context.index.chain)]
+        q = sample_states(whole)[0][:, list(context.index.chain)]
         tips_m = context.chain.forward(q)[:, :3, 3]
-        path_m = float(np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum())
-        goal = recorded.state(recorded.duration_s).position
-        return loaded, MotionPlan(
-            start,
-            goal,
-            whole,
-            tips_m[-1],
-            path_m,
-            whole.duration_s,
-            self.speed,
+        plan = MotionPlan(
+            start=start,
+            goal=recorded.state(recorded.duration_s).position,
+            trajectory=whole,
+            tip_m=tips_m[-1],
+            path_m=float(np.linalg.norm(np.diff(tips_m, axis=0), axis=1).sum()),
+            duration_s=whole.duration_s,
+            speed=self.speed,
+            around="" if detour is None else detour.around,
             names=tuple(context.servos.names),
             units=tuple(each.joint_map.unit for each in context.servos.driven_joints),
         )
+        return (recording, recorded, detour), plan
 
     def end(self, context: ArmContext, start: Vector) -> Vector:
         """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
@@ -391,7 +398,9 @@ def replay(
     )
 
 
-def load_replay(arm: OpenArm, path: Path | str, *, speed: str = "normal") -> Replayed:
+def load_replay(
+    arm: OpenArm, path: Path | str, *, speed: str = "normal"
+) -> tuple[Recording, RecordedTrajectory]:
     """Read a recording; return it with the motion that ``replay`` would play. Nothing moves.
 
     Raises:

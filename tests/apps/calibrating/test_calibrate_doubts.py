@@ -78,7 +78,7 @@ def test_opposite_joint_sign_stays_unconfirmed_after_two_trials(mount_arm, run_c
     mount_arm(sign=-1)
     done = run_cli(f"{WORDS} --yes")
     assert done.code == 0, done.err
-    assert "joint1 turned against the direction that is known of this arm. Was it first" in done.err
+    assert "joint1 turned opposite to the direction in the arm file. Was it first" in done.err
     assert "Move joint1 again so that the tool moves to the right" in done.err
     assert "joint1: its sign, measured twice, contradicts the arm file" in done.err
     assert f"ikservo calibrate {NAME} --wiggle" in done.err

@@ -107,7 +107,7 @@ def test_opposite_joint_sign_is_measured_twice():
     hand = Hand(subject()).rest().accept().move(-400)
     assert hand.state.signs == {}
     assert hand.state.is_second_trial
-    with pytest.raises(CalibrationError, match="elbow turned against the direction"):
+    with pytest.raises(CalibrationError, match="elbow turned opposite to the direction"):
         hand.accept()
     hand.move(400).move(-400)
     assert hand.state.signs == {"elbow": -1}

@@ -42,22 +42,28 @@ def test_pick_refuses_object_wider_than_gripper(so101):
     refused(
         so101,
         RefusedError,
-        "90 mm wide, but the jaws open only to 7",
+        "90 by 100 mm wide, but the jaws hold only 0 to 7",
         (0.24, 0.0, 0.02),
         size_m=size_m,
     )
 
 
-@pytest.mark.parametrize(("name", "wide_mm", "least_mm"), [("wx250s", 25, 30), ("vx300s", 35, 42)])
+@pytest.mark.parametrize(("name", "wide_mm", "least_mm"), [("wx250s", 31, 32), ("vx300s", 35, 44)])
 def test_pick_refuses_object_narrower_than_closed_gripper(name, wide_mm, least_mm):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
         refused(
             arm,
             RefusedError,
-            f"{wide_mm} mm wide, but the jaws close only to {least_mm} mm",
+            f"20 by {wide_mm} mm wide, but the jaws hold only {least_mm} to ",
             (0.3, 0.0, 0.02),
             size_m=(0.02, wide_mm / 1000.0, 0.04),
         )
+
+
+def test_pick_refuses_object_too_narrow_and_too_wide():
+    with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
+        text = "20 by 90 mm wide, but the jaws hold only 32 to 72 mm"
+        refused(arm, RefusedError, text, (0.3, 0.0, 0.02), size_m=(0.09, 0.02, 0.04))
 
 
 def test_pick_grips_object_across_side_on_which_jaws_close():

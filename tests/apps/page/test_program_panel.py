@@ -510,6 +510,11 @@ def test_shown_step_runs_as_planned_although_its_pose_changes(session):
     assert degrees(session, "shoulder_pan") == pytest.approx(math.degrees(0.8), abs=0.5)
     assert plan.speed == "slow"
     assert plan.duration_s - 0.1 < took_s < plan.duration_s + 3.0
+    session.send_message(page_messages.SetSpeed, name="fast")
+    for speed in ("slow", "fast"):
+        session.send_message(msg.ChangeStep, step=step, speed=speed)
+        show(session, step)
+        assert session.interaction.path.plan.speed == speed
 
 
 def test_shown_recording_runs_although_its_file_changes(session, own_folder):

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ikservo.apps.page.dragging.goal_planning import PlannedPath
 from ikservo.apps.page.dragging.target_marker import TargetMarker
 from ikservo.apps.page.messages.message_fields import StopInput
@@ -28,6 +30,7 @@ STOP_TEXTS: dict[StopInput, str] = {
 """Text for each control that can stop the arm, as the beginning of a sentence."""
 
 _LOADED_PERCENT = 80.0
+_JAWS_MOVE = 0.005  # rad or m
 _SAME_POINT_M = 1e-4
 # A supply outside these fractions of the nominal voltage is wrong or exhausted: the three cells of
 # an 11.1 V battery give 9 to 12.6 V.
@@ -63,9 +66,9 @@ def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
     if plan is None:
         return [("path", "is being planned", "")]
     direct = "straight" if path.is_straight else "leaving contact"
-    jaws = [tuple(others.values()) for _, others in path.postures]
-    several = "with the jaws" if len(set(jaws)) > 1 else "step"
-    how = "around" if plan.around else direct if path.run is None else several
+    others = np.array([list(others.values()) for _, others in path.postures])
+    jaws_move = path.run is not None and others.size and np.ptp(others, axis=0).max() > _JAWS_MOVE
+    how = "around" if plan.around else "with the jaws" if jaws_move else direct
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:
         text += f", {plan.clearance_m * 1000:.0f} mm clear"

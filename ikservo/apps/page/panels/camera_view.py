@@ -34,7 +34,7 @@ from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.scene_file import KeepOutShape
 
-_CHECK_PERIOD_S = 1.0  # period of checks while a page shows the picture
+_CHECK_PERIOD_S = 1.0  # period of checks while pictures arrive
 # Time at rest, longer than the delay of a picture; encoder noise at rest is two ticks.
 _REST_S = 0.5
 _STANDS = StillnessDetector(_REST_S, tolerance=3.5e-3, least_readings=2)
@@ -136,15 +136,14 @@ class CameraView:
             return self.change
         return self.change or "The camera picture is too old. Is the camera connected?"
 
-    def require_usable(self, *, fresh: bool = True) -> None:
+    def require_usable(self) -> None:
         """Refuse targets from a picture that is old, or of a camera that has moved.
 
         Raises:
-            BadMessageError: The camera has moved, or the picture is old and must be ``fresh``.
+            BadMessageError: The picture is old, or the camera has moved.
         """
-        trouble = self.trouble if fresh else self.change
-        if trouble:
-            raise BadMessageError(trouble, "Nothing moved. Choose a target in another view.")
+        if self.trouble:
+            raise BadMessageError(self.trouble, "Nothing moved. Choose a target in another view.")
 
     def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
         """Find the zero that puts the tip at a click on a pixel (2,) of the drawing.
@@ -161,7 +160,7 @@ class CameraView:
         return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
-        """Check periodically, while a page shows the picture, whether the camera has moved."""
+        """Check periodically, while pictures arrive, whether the camera has moved."""
         now_s, rests = self._clock.now_s(), self._rests(measured)
         if self._checking is not None:
             if self._checking.done():

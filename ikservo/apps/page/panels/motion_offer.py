@@ -21,7 +21,7 @@ from ikservo.apps.teaching.replaying import Replay
 from ikservo.errors import format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.scene_file import KeepOutShape
-from ikservo.planning.motions import MotionValue
+from ikservo.planning.motions import SPEEDS, MotionValue
 from ikservo.planning.preflight_planner import PlannedStart, PreflightPlanner
 
 HEADING = "What to pick up"
@@ -71,7 +71,8 @@ class MotionOffer:
         """
         if self._arm.model.gripper is None or self._pick_box is None:
             raise msg.BadMessageError("This arm cannot pick up anything.", "Nothing moved.")
-        view.require_usable(fresh=isinstance(camera, LensCamera))
+        if isinstance(camera, LensCamera):
+            view.require_usable()
         grip: Any = self._arm.grip
         is_held = grip.is_held_at(self._arm.context, self._thread.snapshot.measured)
         if isinstance(message, msg.RunPanelMotion):
@@ -158,11 +159,11 @@ class MotionOffer:
         return whole, partial(motion.run, steps=steps)
 
     def _plan_step(self, motion: MotionValue[Any], request: PlanRequest) -> SeveralMotions:
-        """Plan a step at the allowed speed; what runs is what was planned, even if files change."""
+        """Plan a step at its speed, if the page allows it; what runs is what was planned."""
         context, start = self._arm.context, request.start
-        motion = motion.with_speed(request.allowed_speed)
-        allowed = PlannedStart(start, request.allowed_speed)
-        planner = PreflightPlanner(context, allowed, self._arm.poses)
+        speeds = getattr(motion, "speed", "slow"), request.allowed_speed
+        motion = motion.with_speed(min(speeds, key=SPEEDS.index))
+        planner = PreflightPlanner(context, PlannedStart(start), self._arm.poses)
         if isinstance(motion, Replay):
             replayed, whole = motion.plan(context, start, planner)
             return whole, partial(motion.run, loaded=replayed)

@@ -61,7 +61,7 @@ class ProgramPanel:
         self._play, self._state = None, PlayState()  # an edit makes a check invalid
 
     def motion_of(self, number: int) -> MotionValue[Any] | None:
-        """Return the motion of a step; None if it has no plan or depends on what was gripped.
+        """Return the motion of a step; None if it has no speed, a condition, or cannot be shown.
 
         Raises:
             InputError: The step no longer exists, or this arm cannot perform it.
@@ -69,9 +69,10 @@ class ProgramPanel:
         step = self.draft.steps[self.draft.place_of(number)].step
         if not step.has_speed or step.only_if is not None:
             return None
-        repetition = (self._state if self._play is None else self._play.state).repetition
-        model = self._arm_thread.arm.model
-        motion = step.at_repetition(max(repetition, 1)).to_motion(model, self.draft.speed)
+        state = self._state if self._play is None else self._play.state
+        continues = number == state.step and state.phase != "bad"
+        at = step.at_repetition(state.repetition if continues else 1)
+        motion = at.to_motion(self._arm_thread.arm.model, step.speed or self.draft.speed)
         if isinstance(motion, Replay):
             return replace(motion, path=self.draft.folder.path / motion.path)
         return None if isinstance(motion, OwnMotion) else motion

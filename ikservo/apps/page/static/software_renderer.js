@@ -57,8 +57,9 @@ export class SoftwareRenderer {
     this.toSun = this.sun.position.clone().sub(this.sun.target.position).normalize();
     const order = ({ material }) => 2 * !material.depthTest + material.transparent;
     const eye = new THREE.Vector3().setFromMatrixPosition(camera.matrixWorld);
-    const away = (part) => eye.distanceTo(new THREE.Vector3().setFromMatrixPosition(part.matrixWorld));
-    for (const part of parts.sort((a, b) => order(a) - order(b) || away(b) - away(a))) {
+    for (const part of parts) part.userData.awayM = eye.distanceTo(new THREE.Vector3().setFromMatrixPosition(part.matrixWorld));
+    const isBehind = (a, b) => (a.material.transparent ? b.userData.awayM - a.userData.awayM : 0); // seen through the others
+    for (const part of parts.sort((a, b) => order(a) - order(b) || isBehind(a, b))) {
       if (!part.isMesh) this.drawLines(part);
       else if (part.material.isShadowMaterial) this.drawShadows(part, parts.filter((each) => each.castShadow));
       else for (const pose of posesOf(part)) this.drawMesh(part.geometry, pose, this.paintOf(part.material));
