@@ -47,7 +47,7 @@ class ChangeStep(PageMessage):
     Attributes:
         speed: The speed; None for the speed of the program.
         wait_s: The duration of a wait; None for other steps.
-        pause: What a person does in a pause; None for other steps.
+        pause: The task of the person in a pause; None for other steps.
         only_if: The condition under which the step runs; None for always.
     """
 
