@@ -250,7 +250,8 @@ def test_fingers_of_description_open_as_wide_as_arm_file_says(name):
     drawn = find_jaws(replace(model, gripper=replace(model.gripper, widths=())))
     # The capsules are up to 2 mm thicker than a finger; a crank differs from its line by 2.4 mm.
     away_m = (drawn.high_m - drawn.low_m) - (said.high_m - said.low_m)
-    assert np.abs(away_m).max() < 0.0085
+    assert away_m.min() > -0.0075
+    assert away_m.max() < 0.002
     np.testing.assert_allclose(np.abs(drawn.axis), (0.0, 1.0, 0.0), atol=1e-9)
 
 

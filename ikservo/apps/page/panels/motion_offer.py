@@ -42,6 +42,11 @@ class _ChosenMotion:
     blocks: Sequence[KeepOutShape] = ()
     key: Vector = field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def is_step(self) -> bool:
+        """Whether this is a step of the program, which needs no text: its row names it."""
+        return not self.text
+
 
 class MotionOffer:
     """The motion that was chosen last; ``GoalPlanner`` plans it in a separate thread.
@@ -112,7 +117,7 @@ class MotionOffer:
 
     def drop_step(self) -> None:
         """Withdraw the choice if it is a step of the program."""
-        if self._choice is not None and not self._choice.text:
+        if self._choice is not None and self._choice.is_step:
             self._choice = None
 
     @property
@@ -136,7 +141,7 @@ class MotionOffer:
 
     def panels(self) -> dict[str, Panel]:
         """Return the panel that describes the choice, with a button for each block."""
-        if self._choice is None or not self._choice.text:
+        if self._choice is None or self._choice.is_step:
             return {}
         buttons = dict.fromkeys(map(_describe, self._choice.blocks))
         return {HEADING: Panel([("choice", self._choice.text)], buttons)}
@@ -152,7 +157,7 @@ class MotionOffer:
             choice.look = None
         if choice.motion is None:
             return None
-        if not choice.text:
+        if choice.is_step:
             return self._plan_step(choice.motion, request)
         motion = replace(choice.motion, speed=request.allowed_speed)
         steps, whole = motion.plan(self._arm.context, request.start, self._arm.grip)
