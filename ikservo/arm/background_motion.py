@@ -9,6 +9,7 @@ import os
 import threading
 import time
 import weakref
+from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
@@ -48,6 +49,50 @@ class Stoppable(Protocol):
         ...
 
 
+class Turns:
+    """A re-entrant lock that is held in the order in which its holders have queued.
+
+    A plain lock wakes any of the threads that wait, and motions would change their order.
+    """
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._queue: deque[object] = deque()  # the first one's turn it is
+        self._thread: int | None = None  # the thread that holds the lock
+
+    def enqueue(self, holder: object) -> None:
+        """Add somebody to the end of the queue; ``hold`` or ``leave`` must follow."""
+        with self._changed:
+            self._queue.append(holder)
+
+    def leave(self, holder: object) -> None:
+        """Leave the queue, and with it the lock."""
+        with self._changed:
+            if holder in self._queue:  # Ctrl-C may have come before it was added
+                self._queue.remove(holder)
+            self._changed.notify_all()
+
+    @contextmanager
+    def hold(self, holder: object | None = None) -> Generator[None]:
+        """Wait for the turn of a queued holder, or of a new one, and hold the lock in the block."""
+        thread = threading.get_ident()
+        if self._thread == thread:
+            yield
+            return
+        queued, holder = holder is not None, holder or object()
+        try:
+            if not queued:
+                self.enqueue(holder)
+            with self._changed:
+                self._changed.wait_for(lambda: self._queue[0] is holder)
+            self._thread = thread
+            yield
+        finally:
+            if self._thread == thread:
+                self._thread = None
+            self.leave(holder)
+
+
 class RunningMotion(Generic[T]):
     """A motion that runs in a thread of its own; ``wait`` returns its report.
 
@@ -57,11 +102,11 @@ class RunningMotion(Generic[T]):
     Args:
         work: Function that plans and executes the motion, and returns its result.
         arm: The arm to move.
-        queue: Lock that only one motion holds at a time.
+        turns: The lock that only one motion holds at a time.
     """
 
-    def __init__(self, work: Callable[[], T], arm: Stoppable, queue: threading.RLock) -> None:
-        self._work, self._arm, self._queue = work, arm, queue
+    def __init__(self, work: Callable[[], T], arm: Stoppable, turns: Turns) -> None:
+        self._work, self._arm, self._turns = work, arm, turns
         self._process_id = os.getpid()
         self._finished, self._state = threading.Event(), threading.Lock()
         self._cancelled = self._moving = self._raised = False
@@ -71,7 +116,13 @@ class RunningMotion(Generic[T]):
 
     def start(self) -> None:
         """Start the thread; called once."""
-        self._thread.start()
+        self._turns.enqueue(self)
+        try:
+            self._thread.start()
+        except BaseException:  # for example, the process has too many threads
+            self._turns.leave(self)
+            self._finished.set()
+            raise
 
     @property
     def done(self) -> bool:
@@ -171,7 +222,7 @@ class RunningMotion(Generic[T]):
 
     def _run(self) -> None:
         try:
-            with self._queue:
+            with self._turns.hold(self):
                 with self._state:
                     if self._cancelled:
                         raise StoppedError(CANCELLED.text)
@@ -219,7 +270,7 @@ class Background:
 
     def __init__(self, arm: Stoppable, stop_request: StopRequest) -> None:
         self._arm, self._stop_request = arm, stop_request
-        self._queue = threading.RLock()
+        self._turns = Turns()
         # Only its thread and its handle keep a motion alive: an error that nobody waits for is
         # logged when the handle is dropped, not when the arm is.
         self._motions: weakref.WeakSet[RunningMotion[object]] = weakref.WeakSet()
@@ -236,7 +287,7 @@ class Background:
         """
         self._check_no_stream()
         count = self._stop_request.count_at_request
-        with self._queue, self._stop_request.requested(count):
+        with self._turns.hold(), self._stop_request.requested(count):
             yield
 
     def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
@@ -286,7 +337,7 @@ class Background:
             with self._stop_request.requested(count):
                 return work()
 
-        motion = RunningMotion(requested_work, self._arm, self._queue)
+        motion = RunningMotion(requested_work, self._arm, self._turns)
         self._motions.add(motion)  # pyright: ignore[reportArgumentType]  # any result
         _running_motions.add(motion)  # pyright: ignore[reportArgumentType]
         stop_on_signals(self._stop_request, lambda: not motion.done)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm.background_motion import Turns
 from tests.arm.simulated import clock_of, line_of, registers, servo_id, true_joints, true_tip_m
 
 NEAR = (0.23, 0.02, 0.10)
@@ -206,6 +207,34 @@ def test_background_motions_run_one_after_another(arm):
     motions = [arm.move_joints({"shoulder_pan": pan}, wait=False) for pan in (0.1, -0.1, 0.05)]
     assert all(motion.wait().reached for motion in motions)
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.05, abs=0.01)
+
+
+def test_motions_run_in_the_order_of_their_requests():
+    turns, order = Turns(), []
+
+    def run(holder):
+        with turns.hold(holder), turns.hold():
+            order.append(holder)
+
+    for holder in "abc":
+        turns.enqueue(holder)
+    threads = [threading.Thread(target=run, args=holder, daemon=True) for holder in "cba"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20.0)
+    assert order == ["a", "b", "c"]
+
+
+def test_thread_that_cannot_start_leaves_the_queue(arm, monkeypatch):
+    def refuse(thread):
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", refuse)
+        with pytest.raises(RuntimeError, match="new thread"):
+            arm.move_joints({"shoulder_pan": 0.1}, wait=False)
+    assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 
 @pytest.mark.full

@@ -196,7 +196,7 @@ def stopped_elsewhere(served):
 def test_stop_by_other_program_ends_locally_queued_motions(served, stopped_elsewhere):
     with served.open() as arm:
         before = registers(served.arm, "goal_position")
-        with arm.background._queue:  # none is sent before all are requested
+        with arm.background._turns.hold():  # none is sent before all are requested
             motions = [arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1, 0.6)]
             stopped_elsewhere()
         for motion in motions:
@@ -249,7 +249,7 @@ def test_stop_by_other_program_between_steps_ends_program(served, stopped_elsewh
 
 def test_cancelled_motion_does_not_end_queued_motions(served):
     with served.open() as arm:
-        with arm.background._queue:
+        with arm.background._turns.hold():
             first, second = (arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1))
             first.cancel()
         assert second.wait(60.0).reached
