@@ -18,14 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from ikservo.arm import (
-        Arm,
-        MotionPlan,
-        OpenArm,
-        PathConstraint,
-        ToolOrientation,
-        open_arm,
-    )
+    from ikservo.arm import Arm, MotionPlan, OpenArm, PathConstraint, ToolOrientation, open_arm
     from ikservo.errors import (
         AimError,
         BadReplyError,

@@ -18,9 +18,7 @@ CORE = App(
     name="core",
     commands={
         "arms": Command(
-            "ikservo.cli.commands.arms",
-            "List the arms that ship with ikservo.",
-            "Without an arm",
+            "ikservo.cli.commands.arms", "List the arms that ship with ikservo.", "Without an arm"
         ),
         "solve": Command(
             "ikservo.cli.commands.solve",
@@ -28,14 +26,10 @@ CORE = App(
             "Without an arm",
         ),
         "scene": Command(
-            "",
-            "List the things in a scene file, and the poses that touch them.",
-            "Without an arm",
+            "", "List the things in a scene file, and the poses that touch them.", "Without an arm"
         ),
         "scene show": Command(
-            "ikservo.cli.commands.scene:show",
-            "List names, positions and sizes.",
-            "Without an arm",
+            "ikservo.cli.commands.scene:show", "List names, positions and sizes.", "Without an arm"
         ),
         "scene check": Command(
             "ikservo.cli.commands.scene:check",
@@ -67,9 +61,7 @@ CORE = App(
         "joints": Command("ikservo.cli.commands.joints", "Move single joints.", "Move"),
         "pose": Command("ikservo.cli.commands.pose", "Move to a named pose.", "Move"),
         "jog": Command(
-            "ikservo.cli.commands.jog",
-            "Move a joint or the tip while a key is held.",
-            "Move",
+            "ikservo.cli.commands.jog", "Move a joint or the tip while a key is held.", "Move"
         ),
         "gripper": Command("ikservo.cli.commands.gripper", "Open, close, grasp.", "Move"),
         "stop": Command(
@@ -83,9 +75,7 @@ CORE = App(
             "Stop and recover",
         ),
         "recover": Command(
-            "ikservo.cli.commands.recover",
-            "Clear overload and other alarms.",
-            "Stop and recover",
+            "ikservo.cli.commands.recover", "Clear overload and other alarms.", "Stop and recover"
         ),
     },
 )

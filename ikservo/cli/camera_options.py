@@ -11,8 +11,7 @@ import typer
 DEFAULT_BOARD = "5x7-12mm-4x4"
 
 BoardOption = Annotated[
-    str,
-    typer.Option("--board", metavar="NAME", help="Board, as COLUMNSxROWS-SQUAREmm-FAMILY."),
+    str, typer.Option("--board", metavar="NAME", help="Board, as COLUMNSxROWS-SQUAREmm-FAMILY.")
 ]
 CameraNameOption = Annotated[
     str,

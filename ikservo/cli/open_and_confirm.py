@@ -49,10 +49,7 @@ def open_from_options(
                 )
     with (
         open_arm(
-            model,
-            connection.port,
-            collisions=options.collision,
-            uncalibrated=options.uncalibrated,
+            model, connection.port, collisions=options.collision, uncalibrated=options.uncalibrated
         ) as machine,
         _opened_beside(machine, other_arms),
     ):

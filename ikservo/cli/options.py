@@ -101,8 +101,7 @@ CountOption = Annotated[
     int | None, typer.Option("--count", min=1, help="End after this many readings.")
 ]
 StraightOption = Annotated[
-    bool,
-    typer.Option("--straight", help="Refuse a motion instead of moving around obstacles."),
+    bool, typer.Option("--straight", help="Refuse a motion instead of moving around obstacles.")
 ]
 ThinkOption = Annotated[
     float,
@@ -190,8 +189,7 @@ class ToolOptions:
     roll_rad: Annotated[
         float | None,
         angle_option(
-            "--roll",
-            "Roll of the tool about its axis, clockwise as seen from behind; 0 is level.",
+            "--roll", "Roll of the tool about its axis, clockwise as seen from behind; 0 is level."
         ),
     ] = None
     direction: Annotated[

@@ -88,9 +88,5 @@ def _conditioning_fields(
         },
         "singularity": None
         if singular is None
-        else {
-            "distance_rad": singular.distance_rad,
-            "q_rad": singular.q,
-            "joint": singular.joint,
-        },
+        else {"distance_rad": singular.distance_rad, "q_rad": singular.q, "joint": singular.joint},
     }

@@ -153,12 +153,7 @@ _ITERATIVE_METHODS = ("pseudo_inverse", "transpose", "ccd")
 
 
 def print_result(
-    model: Model,
-    target: Target,
-    result: Result,
-    *,
-    force_n: Vector | None = None,
-    json: bool,
+    model: Model, target: Target, result: Result, *, force_n: Vector | None = None, json: bool
 ) -> None:
     """Print joint positions, error, active limits and conditioning of a solution.
 

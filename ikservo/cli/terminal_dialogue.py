@@ -18,14 +18,7 @@ from rich.text import Text
 
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.cli.options import YesOption
-from ikservo.cli.terminal import (
-    Keys,
-    confirm,
-    open_console,
-    print_status,
-    read_answer,
-    read_keys,
-)
+from ikservo.cli.terminal import Keys, confirm, open_console, print_status, read_answer, read_keys
 from ikservo.errors import IkservoError, InputError, printable
 from ikservo.maintenance.dialogue import (
     ACCEPT,

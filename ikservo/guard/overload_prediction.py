@@ -117,11 +117,7 @@ class OverloadMonitor:
             self.observe_load(joint, current_a / rule.full_a, time_s)
 
     def update(
-        self,
-        goals: TickRow,
-        ticks: TickRow,
-        time_s: float,
-        references: Sequence[int] | None = None,
+        self, goals: TickRow, ticks: TickRow, time_s: float, references: Sequence[int] | None = None
     ) -> tuple[str, ...]:
         """Process goals, and ticks of the joints that replied; return new warnings.
 

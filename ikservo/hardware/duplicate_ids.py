@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 
-from ikservo.errors import (
-    BadReplyError,
-    IkservoError,
-    PortError,
-    PortLostError,
-    ServoSilentError,
-)
+from ikservo.errors import BadReplyError, IkservoError, PortError, PortLostError, ServoSilentError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.ping_sweep import FRAMINGS, Framing, framing_of, ping_ids
 from ikservo.hardware.port import Port

@@ -214,10 +214,7 @@ def scan_servo(port: Port, servo_id: int, rates: Iterable[int]) -> list[FoundSer
 
 
 def scan_rate(
-    port: Port,
-    rate: int,
-    framings: Iterable[Framing] = FRAMINGS,
-    on_step: OnScanStep | None = None,
+    port: Port, rate: int, framings: Iterable[Framing] = FRAMINGS, on_step: OnScanStep | None = None
 ) -> list[FoundServo]:
     """Return the servos that reply at one rate, by id; empty if the adapter does not support it.
 
@@ -252,11 +249,7 @@ def _scan_framing(port: Port, framing: Framing, on_step: OnScanStep | None) -> I
 
 
 def scan_port(
-    name: str,
-    rates: Sequence[int],
-    *,
-    all_rates: bool = False,
-    on_step: OnScanStep | None = None,
+    name: str, rates: Sequence[int], *, all_rates: bool = False, on_step: OnScanStep | None = None
 ) -> list[FoundServo]:
     """Open a port, return the servos that reply on it, and close it; see ``scan``.
 

@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from ikservo.ik.problem import Target, Tolerance
-from ikservo.kinematics import (
-    Chain,
-    Conditioning,
-    Singularity,
-    conditioning,
-    nearest_singularity,
-)
+from ikservo.kinematics import Chain, Conditioning, Singularity, conditioning, nearest_singularity
 from ikservo.kinematics.arrays import Matrix, Vector, read_only
 
 if TYPE_CHECKING:

@@ -10,12 +10,7 @@ from pathlib import Path
 from ikservo.errors import BadValueError
 from ikservo.files.reading import path_inside, quote, read_toml
 from ikservo.files.validation import Location, ValidationIssue, first_issue, format_key_path
-from ikservo.model.arm_schema import (
-    ArmFile,
-    ArmGripper,
-    ArmHealth,
-    ArmJoint,
-)
+from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint
 from ikservo.model.base_placement import parse_frame
 from ikservo.model.catalogue import catalogue_name
 

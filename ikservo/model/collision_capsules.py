@@ -147,11 +147,7 @@ _MAX_STRIPS = 4
 
 
 def _axial_capsule(
-    link: str,
-    shape: Box | Cylinder,
-    half_m: Vector,
-    radius_m: float,
-    aside_m: Vector | None = None,
+    link: str, shape: Box | Cylinder, half_m: Vector, radius_m: float, aside_m: Vector | None = None
 ) -> Capsule:
     """Return the capsule from -half to +half along a shape's local axes, in link coordinates."""
     R, centre = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)

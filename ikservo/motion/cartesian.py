@@ -53,12 +53,7 @@ class CartesianJointPath:
 
 
 def solve_cartesian_path(
-    chain: Chain,
-    start: Vector,
-    path: ToolPath,
-    end: Vector | None = None,
-    *,
-    strict: bool = False,
+    chain: Chain, start: Vector, path: ToolPath, end: Vector | None = None, *, strict: bool = False
 ) -> CartesianJointPath:
     """Find the joint positions along a path of the tool from joints (dof,).
 
@@ -192,11 +187,7 @@ def _check_orientation_kept(
     at_m = path.at(along_m)[0].tolist()
     rotation_deg = math.degrees(curve.orientation_error_rad.max())
     raise CartesianPathError(
-        along_m,
-        at_m,
-        at_m,
-        [f"the tool would turn by up to {rotation_deg:.1f}°"],
-        shape=path.shape,
+        along_m, at_m, at_m, [f"the tool would turn by up to {rotation_deg:.1f}°"], shape=path.shape
     )
 
 

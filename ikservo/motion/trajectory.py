@@ -70,9 +70,7 @@ class KinematicLimits:
     def scale_units(self, factor: float) -> KinematicLimits:
         """Return the limits in units that are ``1 / factor`` as long, for a slide or a gear."""
         return KinematicLimits(
-            self.speed_rad_s * factor,
-            self.acceleration_rad_s2 * factor,
-            self.jerk_rad_s3 * factor,
+            self.speed_rad_s * factor, self.acceleration_rad_s2 * factor, self.jerk_rad_s3 * factor
         )
 
 

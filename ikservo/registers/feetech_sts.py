@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from ikservo.registers.control_table import (
-    Alarm,
-    ControlTable,
-    Family,
-    FeetechMode,
-    RegisterName,
-)
+from ikservo.registers.control_table import Alarm, ControlTable, Family, FeetechMode, RegisterName
 from ikservo.registers.register import Access, Area, Register, SignMagnitude, Unsigned
 from ikservo.registers.units import (
     CELSIUS,

@@ -82,11 +82,7 @@ class ArmMessages:
         return _message(TF, time_ns, transforms=rows)
 
     def diagnostics(
-        self,
-        time_ns: int,
-        states: Sequence[JointState],
-        stopped_for: str = "",
-        warning: str = "",
+        self, time_ns: int, states: Sequence[JointState], stopped_for: str = "", warning: str = ""
     ) -> RosMessage:
         """Return the message with the health of the arm and of each servo."""
         own = self._status(

@@ -74,10 +74,7 @@ _SERVICES: Mapping[str, tuple[Fields, Fields]] = {
         {"goal_id": _UUID, "goal": f"{FOLLOW}_Goal"},
         {"accepted": "bool", "stamp": _TIME},
     ),
-    f"{FOLLOW}_GetResult": (
-        {"goal_id": _UUID},
-        {"status": "int8", "result": f"{FOLLOW}_Result"},
-    ),
+    f"{FOLLOW}_GetResult": ({"goal_id": _UUID}, {"status": "int8", "result": f"{FOLLOW}_Result"}),
 }
 
 

@@ -41,7 +41,5 @@ APP = App(
             "Set up",
         ),
     },
-    parts={
-        "test --touch": "ikservo.apps.calibrating.accuracy_by_touch:measure_by_touch",
-    },
+    parts={"test --touch": "ikservo.apps.calibrating.accuracy_by_touch:measure_by_touch"},
 )

@@ -289,11 +289,7 @@ class AutoCalibration:
     """
 
     def __init__(
-        self,
-        loose: TorqueOffArm,
-        state: CalibrationState,
-        pose: str,
-        measured: MeasuredRanges,
+        self, loose: TorqueOffArm, state: CalibrationState, pose: str, measured: MeasuredRanges
     ) -> None:
         check_auto_allowed(loose.model)
         self._loose, self._measured = loose, measured

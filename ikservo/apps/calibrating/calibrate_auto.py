@@ -36,12 +36,7 @@ _WARNING = (
 
 
 def calibrate_auto(
-    model: Model,
-    port: str | None,
-    options: CalibrationOptions,
-    operator: Operator,
-    *,
-    json: bool,
+    model: Model, port: str | None, options: CalibrationOptions, operator: Operator, *, json: bool
 ) -> None:
     """Record the reference pose, let the arm find its ranges, and save the calibration.
 

@@ -35,12 +35,7 @@ from ikservo.model import Model
 
 
 def calibrate(
-    model: Model,
-    port: str | None,
-    options: CalibrationOptions,
-    operator: Operator,
-    *,
-    json: bool,
+    model: Model, port: str | None, options: CalibrationOptions, operator: Operator, *, json: bool
 ) -> None:
     """Run a calibration by hand and save its result; the simulator moves a simulated arm."""
     options.check(model)

@@ -68,8 +68,7 @@ TouchOff = Annotated[
 ]
 Auto = Annotated[bool, typer.Option("--auto", help="Let the arm drive gently to its end stops.")]
 Wiggle = Annotated[
-    bool,
-    typer.Option("--wiggle", help="Move each joint by 5° and back, to check ids and signs."),
+    bool, typer.Option("--wiggle", help="Move each joint by 5° and back, to check ids and signs.")
 ]
 
 

@@ -93,10 +93,7 @@ class TorqueOffArm:
         return partial_path(self.model.name, self.serial_number)
 
     def make_subjects(
-        self,
-        pose: str,
-        known: Mapping[str, TickRange] | None = None,
-        only: Collection[str] = (),
+        self, pose: str, known: Mapping[str, TickRange] | None = None, only: Collection[str] = ()
     ) -> list[JointUnderCalibration]:
         """Return the joints to calibrate, given a named pose; all joints if ``only`` is empty.
 

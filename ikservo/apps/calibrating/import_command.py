@@ -43,8 +43,7 @@ from ikservo.cli.terminal_dialogue import AnswerOptions
 from ikservo.maintenance.dialogue import Dialogue, Notice
 
 Source = Annotated[
-    str,
-    typer.Argument(metavar="ID|FILE", help="Id of the arm in LeRobot, or a file."),
+    str, typer.Argument(metavar="ID|FILE", help="Id of the arm in LeRobot, or a file.")
 ]
 
 

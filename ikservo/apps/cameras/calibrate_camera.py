@@ -23,10 +23,7 @@ from ikservo.apps.cameras.camera_calibration import (
     CameraResult,
     save_camera_result,
 )
-from ikservo.apps.cameras.camera_command import (
-    check_camera_name,
-    open_camera,
-)
+from ikservo.apps.cameras.camera_command import check_camera_name, open_camera
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, read_pictures
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration.paths import pictures_path

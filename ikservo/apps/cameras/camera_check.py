@@ -61,11 +61,7 @@ class BoardPlace:
 
 
 def check_camera(
-    arm: Arm,
-    source: PictureSource,
-    now: datetime,
-    within_mm: float | None = None,
-    name: str = "",
+    arm: Arm, source: PictureSource, now: datetime, within_mm: float | None = None, name: str = ""
 ) -> tuple[CameraCheck, BoardPlace]:
     """Measure the pose of the board, and save whether the camera has moved; the arm stays still.
 

@@ -281,8 +281,7 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
         )
     name, load = max(loads.items(), key=lambda each: each[1])
     draft.urdf = replace(
-        draft.urdf,
-        links=tuple(replace(link, mass_kg=0.0) for link in draft.urdf.links),
+        draft.urdf, links=tuple(replace(link, mass_kg=0.0) for link in draft.urdf.links)
     )
     draft.dropped.append(
         f"The masses, because {name} would need {load:.0f} N m, which no servo in the catalogue "

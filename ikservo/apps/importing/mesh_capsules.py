@@ -85,9 +85,7 @@ def extent_m(triangles: Triangles) -> float:
 
 
 def fit_capsules(
-    triangles: Triangles,
-    beside: Sequence[Triangles] = (),
-    given: Sequence[FittedCapsule] = (),
+    triangles: Triangles, beside: Sequence[Triangles] = (), given: Sequence[FittedCapsule] = ()
 ) -> MeshFit:
     """Find few capsules that together contain a surface, and the solid inside if it is closed.
 

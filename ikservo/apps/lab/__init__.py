@@ -21,7 +21,5 @@ APP = App(
             "Set up",
         ),
     },
-    parts={
-        "gripper --weigh": "ikservo.apps.lab.weighing:weigh_held_object",
-    },
+    parts={"gripper --weigh": "ikservo.apps.lab.weighing:weigh_held_object"},
 )

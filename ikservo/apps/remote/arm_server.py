@@ -249,9 +249,7 @@ class ArmServer:
 
     def _publish(self, topic: str, value: object) -> None:
         message = Announcement(
-            number=next(self._news_numbers),
-            sent_s=self._clock.now_s(),
-            value=encode_value(value),
+            number=next(self._news_numbers), sent_s=self._clock.now_s(), value=encode_value(value)
         )
         self._news[topic].put(encode(message))
 

@@ -162,10 +162,7 @@ def _sign(
 
 
 def _builder(
-    subject: str,
-    issuer: str,
-    public: ec.EllipticCurvePublicKey,
-    lifetime: datetime.timedelta,
+    subject: str, issuer: str, public: ec.EllipticCurvePublicKey, lifetime: datetime.timedelta
 ) -> x509.CertificateBuilder:
     from cryptography import x509  # noqa: PLC0415
 

@@ -32,8 +32,7 @@ Domain = Annotated[
     ),
 ]
 Router = Annotated[
-    str,
-    typer.Option("--router", metavar="ENDPOINT", help="Endpoint of rmw_zenohd."),
+    str, typer.Option("--router", metavar="ENDPOINT", help="Endpoint of rmw_zenohd.")
 ]
 Namespace = Annotated[
     str, typer.Option("--namespace", help="Prefix of all topic and service names, such as left.")

@@ -74,10 +74,7 @@ def command(
     with (
         open_server(endpoint, certificate, access) as session,
         open_own_arm(
-            model,
-            connection.port,
-            collisions=options.collision,
-            uncalibrated=options.uncalibrated,
+            model, connection.port, collisions=options.collision, uncalibrated=options.uncalibrated
         ) as machine,
     ):
         check_directions_once(machine, options)

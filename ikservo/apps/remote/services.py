@@ -116,8 +116,7 @@ def parse_arguments(kind: type[_A], given: Mapping[str, JsonValue]) -> _A:
     except ValidationError as error:
         where, why = first_mistake(error)
         raise InputError(
-            f"The argument {where} cannot be used: {why}.",
-            f"Nothing was done. {SAME_VERSION}",
+            f"The argument {where} cannot be used: {why}.", f"Nothing was done. {SAME_VERSION}"
         ) from None
 
 

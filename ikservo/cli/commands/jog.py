@@ -20,12 +20,7 @@ from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, SceneOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.terminal import (
-    Keys,
-    format_port,
-    print_status,
-    read_keys,
-)
+from ikservo.cli.terminal import Keys, format_port, print_status, read_keys
 from ikservo.cli.wiggle_prompt import check_directions_once
 from ikservo.errors import InputError, format_point
 from ikservo.planning.reports import JogResult

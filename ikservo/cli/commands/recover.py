@@ -44,8 +44,7 @@ def command(
                 )
             if not confirm("Torque goes off while the servos restart. Is the arm supported?"):
                 raise IkservoError(
-                    "Cancelled; nothing was restarted.",
-                    "To go on without being asked, add --yes.",
+                    "Cancelled; nothing was restarted.", "To go on without being asked, add --yes."
                 )
         done = recover(bus, reboot=reboot)
     _print_recoveries(done, json=json)

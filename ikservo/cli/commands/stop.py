@@ -21,12 +21,7 @@ All = Annotated[
 ]
 
 
-def command(
-    *,
-    connection: ArmConnection,
-    every: All = False,
-    json: JsonOption = False,
-) -> None:
+def command(*, connection: ArmConnection, every: All = False, json: JsonOption = False) -> None:
     """Stop the arm where it is; torque does not change.
 
     With --all, or if neither options nor environment name an arm or a port, every arm that your

@@ -54,9 +54,7 @@ Period = Annotated[
 VisibleFrom = Annotated[
     str | None,
     typer.Option(
-        "--visible-from",
-        metavar="X,Y,Z",
-        help="List the links that a camera at this point sees.",
+        "--visible-from", metavar="X,Y,Z", help="List the links that a camera at this point sees."
     ),
 ]
 

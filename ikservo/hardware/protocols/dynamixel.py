@@ -25,11 +25,7 @@ from ikservo.hardware.packets import (
     StatusPacket,
 )
 from ikservo.hardware.port import Port
-from ikservo.hardware.protocols.driver import (
-    BULK_READ,
-    FAST_SYNC_READ,
-    ProtocolDriver,
-)
+from ikservo.hardware.protocols.driver import BULK_READ, FAST_SYNC_READ, ProtocolDriver
 from ikservo.hardware.protocols.protocol1 import Protocol1Codec
 from ikservo.hardware.protocols.protocol2 import (
     FastSyncCodec,

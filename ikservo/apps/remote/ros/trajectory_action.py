@@ -14,12 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ikservo.apps.remote.ros.action_server import (
-    ActionGoal,
-    ActionServer,
-    GoalStatus,
-    time_message,
-)
+from ikservo.apps.remote.ros.action_server import ActionGoal, ActionServer, GoalStatus, time_message
 from ikservo.apps.remote.ros.goal_driver import GoalDriver, GoalEnd
 from ikservo.apps.remote.ros.goals import TrajectoryGoal, check_age
 from ikservo.apps.remote.ros.node import RosNode
