@@ -28,6 +28,7 @@ ROLES: tuple[Role, ...] = ("server", "operator", "watcher")
 """Roles of certificates, used as their common names."""
 
 _AUTHORITY = "authority"
+_ISSUER = "ikservo authority"
 _VARIABLE = "IKSERVO_KEYS"
 _DAYS = 825  # longest validity that common TLS libraries accept
 _ANYWHERE = ("localhost", "127.0.0.1", "::1")
@@ -110,7 +111,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
             "Certificates need the package cryptography, which is not installed.",
             f"Install it: {install_command('net')}",
         )
-    authority = _make_authority()
+    authority = _sign(None, _ISSUER, (), datetime.timedelta(days=10 * _DAYS))
     signed = {_AUTHORITY: authority}
     for role in ROLES:
         names = (*_ANYWHERE, *hosts) if role == "server" else ()
@@ -122,34 +123,32 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     return [folder / name for name in signed]
 
 
-def _make_authority() -> _Signed:
-    from cryptography import x509  # noqa: PLC0415  # from an extra
-    from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
-
-    key = ec.generate_private_key(ec.SECP256R1())
-    lifetime = datetime.timedelta(days=10 * _DAYS)
-    builder = _builder("ikservo authority", "ikservo authority", key.public_key(), lifetime)
-    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-    builder = builder.add_extension(_key_usage(signs=True), critical=True)
-    return _Signed(_signed(builder, key), key)
-
-
 def _sign(
-    authority: _Signed, role: str, names: Sequence[str], lifetime: datetime.timedelta
+    authority: _Signed | None, subject: str, names: Sequence[str], lifetime: datetime.timedelta
 ) -> _Signed:
-    """Return a certificate for a role, signed by the authority."""
-    from cryptography import x509  # noqa: PLC0415
+    """Return a certificate signed by the authority; without one, a new authority's own."""
+    from cryptography import x509  # noqa: PLC0415  # from an extra
+    from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
     from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
-    from cryptography.x509.oid import ExtendedKeyUsageOID  # noqa: PLC0415
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID  # noqa: PLC0415
 
-    key = ec.generate_private_key(ec.SECP256R1())
-    builder = _builder(role, "ikservo authority", key.public_key(), lifetime)
-    builder = builder.add_extension(
-        x509.BasicConstraints(ca=False, path_length=None), critical=True
+    key, is_authority = ec.generate_private_key(ec.SECP256R1()), authority is None
+    end = datetime.datetime.now(datetime.UTC) + lifetime
+    start = min(end, datetime.datetime.now(datetime.UTC)) - datetime.timedelta(days=1)
+    own, issuer = (
+        x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)]) for text in (subject, _ISSUER)
     )
-    builder = builder.add_extension(_key_usage(signs=False), critical=True)
-    usage = ExtendedKeyUsageOID.SERVER_AUTH if names else ExtendedKeyUsageOID.CLIENT_AUTH
-    builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
+    path_length = 0 if is_authority else None
+    builder = (
+        x509.CertificateBuilder(issuer, own, key.public_key(), x509.random_serial_number())
+        .not_valid_before(start)
+        .not_valid_after(end)
+        .add_extension(x509.BasicConstraints(is_authority, path_length), critical=True)
+        .add_extension(_key_usage(signs=is_authority), critical=True)
+    )
+    if not is_authority:
+        usage = ExtendedKeyUsageOID.SERVER_AUTH if names else ExtendedKeyUsageOID.CLIENT_AUTH
+        builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
     listed: list[x509.GeneralName] = []
     for name in dict.fromkeys(names):
         try:
@@ -158,32 +157,7 @@ def _sign(
             listed.append(x509.DNSName(name))
     if listed:
         builder = builder.add_extension(x509.SubjectAlternativeName(listed), critical=False)
-    return _Signed(_signed(builder, authority.key), key)
-
-
-def _builder(
-    subject: str, issuer: str, public: ec.EllipticCurvePublicKey, lifetime: datetime.timedelta
-) -> x509.CertificateBuilder:
-    from cryptography import x509  # noqa: PLC0415
-
-    end = datetime.datetime.now(datetime.UTC) + lifetime
-    start = min(end, datetime.datetime.now(datetime.UTC)) - datetime.timedelta(days=1)
-    return (
-        x509.CertificateBuilder()
-        .subject_name(_name(subject))
-        .issuer_name(_name(issuer))
-        .public_key(public)
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(start)
-        .not_valid_after(end)
-    )
-
-
-def _name(text: str) -> x509.Name:
-    from cryptography import x509  # noqa: PLC0415
-    from cryptography.x509.oid import NameOID  # noqa: PLC0415
-
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+    return _Signed(builder.sign(authority.key if authority else key, hashes.SHA256()), key)
 
 
 def _key_usage(*, signs: bool) -> x509.KeyUsage:
@@ -200,12 +174,6 @@ def _key_usage(*, signs: bool) -> x509.KeyUsage:
         encipher_only=False,
         decipher_only=False,
     )
-
-
-def _signed(builder: x509.CertificateBuilder, key: ec.EllipticCurvePrivateKey) -> x509.Certificate:
-    from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
-
-    return builder.sign(key, hashes.SHA256())
 
 
 def _files_of(folder: Path, name: str, own: _Signed, authority: _Signed) -> dict[Path, bytes]:
@@ -230,27 +198,36 @@ def access_control(name: str) -> Mapping[str, object]:
     watching = [keys.watch(name, "*"), keys.watch("*", "*"), keys.stop(name), keys.stop("*")]
     driving = [keys.drive(name, "*")]
     news, tokens = [keys.news(name, "*")], [keys.server(name), keys.server("*")]
-    rules = [
-        _rule("requests", ["query"], ["ingress"], watching),
-        _rule("answers", ["reply"], ["egress"], watching),
-        _rule("queryables", ["declare_queryable"], ["egress"], watching),
-        _rule("reading", ["declare_subscriber"], ["ingress"], news),
-        _rule("news", ["put"], ["egress"], news),
-        _rule("presence", ["liveliness_query"], ["ingress"], tokens),
-        _rule("served", ["liveliness_token"], ["egress"], tokens),
-        _rule("drive", ["query"], ["ingress"], driving),
-        _rule("driving", ["declare_queryable"], ["egress"], driving),
-        _rule("driven", ["reply"], ["egress"], driving),
-        _rule("goals", ["put"], ["ingress"], [keys.setpoint(name)]),
-        _rule("taking", ["declare_subscriber"], ["egress"], [keys.setpoint(name)]),
-        _rule("alive", ["liveliness_token"], ["ingress"], [keys.operator(name, "*")]),
-        _rule("watched", ["declare_liveliness_subscriber"], ["egress"], [keys.operator(name, "*")]),
-    ]
-    names = [str(rule["id"]) for rule in rules]
+    rules = (
+        ("requests", "query", "ingress", watching),
+        ("answers", "reply", "egress", watching),
+        ("queryables", "declare_queryable", "egress", watching),
+        ("reading", "declare_subscriber", "ingress", news),
+        ("news", "put", "egress", news),
+        ("presence", "liveliness_query", "ingress", tokens),
+        ("served", "liveliness_token", "egress", tokens),
+        ("drive", "query", "ingress", driving),
+        ("driving", "declare_queryable", "egress", driving),
+        ("driven", "reply", "egress", driving),
+        ("goals", "put", "ingress", [keys.setpoint(name)]),
+        ("taking", "declare_subscriber", "egress", [keys.setpoint(name)]),
+        ("alive", "liveliness_token", "ingress", [keys.operator(name, "*")]),
+        ("watched", "declare_liveliness_subscriber", "egress", [keys.operator(name, "*")]),
+    )
+    names = [rule for rule, *_ in rules]
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
+        "rules": [
+            {
+                "id": rule,
+                "permission": "allow",
+                "messages": [message],
+                "flows": [flow],
+                "key_exprs": expressions,
+            }
+            for rule, message, flow, expressions in rules
+        ],
         "subjects": [
             {"id": "operator", "cert_common_names": ["operator"]},
             {"id": "watcher", "cert_common_names": ["watcher"]},
@@ -259,16 +236,4 @@ def access_control(name: str) -> Mapping[str, object]:
             {"rules": names, "subjects": ["operator"]},
             {"rules": names[: names.index("drive")], "subjects": ["watcher"]},
         ],
-    }
-
-
-def _rule(
-    name: str, messages: Sequence[str], flows: Sequence[str], key_exprs: Sequence[str]
-) -> dict[str, object]:
-    return {
-        "id": name,
-        "permission": "allow",
-        "messages": list(messages),
-        "flows": list(flows),
-        "key_exprs": list(key_exprs),
     }

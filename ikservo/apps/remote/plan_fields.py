@@ -103,24 +103,19 @@ class RemoteTrajectory:
     """
 
     def __init__(self, plan: str, duration_s: float, fetch: Callable[[], PathSamples]) -> None:
-        self.plan, self._duration_s, self._fetch = plan, duration_s, fetch
+        self.plan, self.duration_s, self._fetch = plan, duration_s, fetch
         self._samples: PathSamples | None = None
-
-    @property
-    def duration_s(self) -> float:
-        """Duration of the path."""
-        return self._duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
         """Interpolate position, velocity and acceleration (n,) by cubics between the samples."""
         if self._samples is None:
             self._samples = self._fetch()
         positions, velocities = self._samples.positions, self._samples.velocities
-        if time_s >= self._duration_s or len(positions) < 2:
+        if time_s >= self.duration_s or len(positions) < 2:
             return TrajectoryPoint.at_rest(positions[-1])
         step_s = self._samples.step_s
         index = min(max(int(time_s / step_s), 0), len(positions) - 2)
-        width_s = min(step_s, self._duration_s - index * step_s)
+        width_s = min(step_s, self.duration_s - index * step_s)
         p0, p1 = positions[index : index + 2]
         a, b = width_s * velocities[index], width_s * velocities[index + 1]
         u = max(0.0, time_s - index * step_s) / width_s

@@ -121,11 +121,8 @@ def parse_arguments(kind: type[_A], given: Mapping[str, JsonValue]) -> _A:
 
 
 def _poses(arm: Arm) -> object:
-    return {
-        "all": arm.poses.all_poses(),
-        "taught": arm.poses.user_poses(),
-        "path": str(arm.poses.path),
-    }
+    poses = arm.poses
+    return {"all": poses.all_poses(), "taught": poses.user_poses(), "path": str(poses.path)}
 
 
 def _within_limits(arm: Arm, pose: str, start: Any = None) -> object:  # noqa: ANN401  # checked

@@ -182,9 +182,4 @@ def run_stream(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float)
                 inbox.wait()
     if arm.stop_reason is not None:
         raise StoppedError(arm.stopped_for, RELAX_HINT)
-    return {
-        "sent": stream.sent,
-        "unreached": stream.unreached,
-        "refused": stream.refused,
-        "reason": stream.reason,
-    }
+    return {name: getattr(stream, name) for name in ("sent", "unreached", "refused", "reason")}

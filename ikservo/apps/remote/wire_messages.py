@@ -13,7 +13,6 @@ from ikservo.arm.result_json import RESULT_TYPES, FloatArray, decode_value, enco
 from ikservo.errors import InputError
 from ikservo.files.validation import first_mistake
 from ikservo.ik import Target
-from ikservo.kinematics.arrays import Vector
 from ikservo.serving.replies import SAME_VERSION, error_fields, other_version_error, result_in
 
 SCHEMA = "ikservo/net/1"
@@ -81,14 +80,7 @@ class TargetFields(_NetworkMessage):
     @classmethod
     def of(cls, target: Target) -> TargetFields:
         """Make the fields of a target."""
-        return cls(
-            position_m=np.asarray(target.position_m, float),
-            direction=_array_or_none(target.direction),
-            orientation=_array_or_none(target.orientation),
-            frame=target.frame,
-            offset_m=_array_or_none(target.offset_m),
-            tool_axis=np.asarray(target.tool_axis, float),
-        )
+        return cls.model_validate({name: getattr(target, name) for name in cls.model_fields})
 
     def target(self) -> Target:
         """Return the target.
@@ -96,14 +88,7 @@ class TargetFields(_NetworkMessage):
         Raises:
             BadValueError: A number is not finite, or a shape is wrong.
         """
-        return Target(
-            self.position_m,
-            direction=self.direction,
-            orientation=self.orientation,
-            frame=self.frame,
-            offset_m=self.offset_m,
-            tool_axis=self.tool_axis,
-        )
+        return Target(**dict(self))
 
 
 class Setpoint(_NetworkMessage):
@@ -186,10 +171,6 @@ class GrantedLease(BaseModel):
     """The result of the service ``lease``."""
 
     lease: Lease
-
-
-def _array_or_none(value: object) -> Vector | None:
-    return None if value is None else np.asarray(value, dtype=np.float64)
 
 
 def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:

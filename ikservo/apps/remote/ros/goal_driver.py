@@ -60,14 +60,18 @@ class _Task:
 
 
 class GoalDriver:
-    """Driver of an arm in a separate thread until it is closed; warns if a goal ends early."""
+    """Driver of an arm in a separate thread until it is closed; warns if a goal ends early.
+
+    Attributes:
+        is_moving: Whether the arm is moving or braking.
+    """
 
     def __init__(self, arm: OpenArm, speed: str, warn: Callable[[str], None]) -> None:
         self._arm, self._speed, self._warn = arm, speed, warn
         self._changed = threading.Condition()
         self._task: _Task | None = None  # newest goal
         self._ending: list[_Task] = []  # reported once the arm is at rest
-        self._busy = self._closing = False
+        self.is_moving = self._closing = False
         self._thread = threading.Thread(target=self._run, name="ikservo-ros-goals", daemon=True)
         self._thread.start()
 
@@ -76,11 +80,6 @@ class GoalDriver:
         """The goal that is being followed."""
         task = self._task
         return None if task is None else task.goal
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the arm is moving or braking."""
-        return self._busy
 
     def put(self, goal: MotionGoal | None, watch: GoalWatch | None = None) -> None:
         """Replace the goal; None brakes and holds."""
@@ -100,7 +99,7 @@ class GoalDriver:
             RefusedError: The arm has not come to rest in time.
         """
         with self._changed:
-            if not self._changed.wait_for(lambda: not self._busy, timeout_s):
+            if not self._changed.wait_for(lambda: not self.is_moving, timeout_s):
                 raise RefusedError("The arm is still braking.", "Try again.")
 
     def close(self) -> None:
@@ -117,7 +116,7 @@ class GoalDriver:
             self._changed.notify_all()
             if before is None:
                 return
-            if task is None and self._busy:
+            if task is None and self.is_moving:
                 self._ending.append(before)
                 return
         self._report(before, GoalEnd.ENDED if task is None else GoalEnd.REPLACED)
@@ -139,7 +138,7 @@ class GoalDriver:
             if why:
                 self._warn(why)
             with self._changed:  # the arm is at rest
-                ending, self._ending, self._busy = self._ending, [], False
+                ending, self._ending, self.is_moving = self._ending, [], False
                 self._changed.notify_all()
             for ended in ending:
                 self._report(ended, GoalEnd.FAILED if failed else ended.end, why)
@@ -157,7 +156,7 @@ class GoalDriver:
             self._changed.wait_for(lambda: self._closing or self._task is not None)
             if self._closing:
                 return None
-            self._busy = True
+            self.is_moving = True
             return self._task
 
     def _follow(self, stream: GoalStream) -> None:

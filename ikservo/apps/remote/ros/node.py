@@ -120,7 +120,7 @@ class RosNode:
         if always:
             self._declare_service(name, TRIGGER, obey)
         else:
-            self._serve(name, TRIGGER, answer, lambda _: None, self._services)
+            self.serve(name, TRIGGER, answer)
 
     def serve(
         self,
@@ -136,22 +136,13 @@ class RosNode:
         requests are handled one by one, together with messages on topics.
         """
         worker = self._messages if in_order else self._services
-        self._serve(name, kind, on_request, lambda data: decode(f"{kind}_Request", data), worker)
-
-    def _serve(
-        self,
-        name: str,
-        kind: str,
-        on_request: Callable[[Any, Respond], None],
-        read: Callable[[bytes], Any],
-        worker: _Worker,
-    ) -> None:
         key, senders = data_key(self.name, name, kind), _Senders()
 
         def answer(query: zenoh.Query) -> None:
             try:
                 asked = senders.check(_read_attachment(query.attachment))
-                request = read(b"" if query.payload is None else _bytes_of(query.payload))
+                data = b"" if query.payload is None else _bytes_of(query.payload)
+                request = None if kind == TRIGGER else decode(f"{kind}_Request", data)
             except IkservoError as error:
                 self._warn(f"{name}: {error.message}")
                 return

@@ -62,7 +62,7 @@ class TrajectoryAction:
         self._arm, self._driver, self._parse = arm, driver, parse
         self._watches: dict[ActionGoal, _Watch] = {}
         self._lock = threading.Lock()
-        self._server = ActionServer(node, ACTION, FOLLOW, self)
+        self.server = ActionServer(node, ACTION, FOLLOW, self)
 
     def start(self, goal: ActionGoal, message: Any) -> Any:  # noqa: ANN401  # generated classes
         """Start a goal; return None, or the result of a refused goal."""
@@ -96,11 +96,7 @@ class TrajectoryAction:
         """End a goal."""
         with self._lock:
             self._watches.pop(goal, None)
-        self._server.finish(goal, status, _result(code, text))
-
-    def feedback(self, goal: ActionGoal, feedback: Any) -> None:  # noqa: ANN401
-        """Publish the progress of a goal."""
-        self._server.feedback(goal, feedback)
+        self.server.finish(goal, status, _result(code, text))
 
     def _make_watch(self, goal: ActionGoal, message: Any) -> _Watch:  # noqa: ANN401
         trajectory = message.trajectory
@@ -181,7 +177,7 @@ class _Watch:
         desired = self.trajectory.positions_at(now_s)
         if now_s - self._said_s >= _FEEDBACK_PERIOD_S:
             self._said_s = now_s
-            self._action.feedback(self._goal, _feedback(desired, positions))
+            self._action.server.feedback(self._goal, _feedback(desired, positions))
         if not self.trajectory.has_ended(now_s):
             self._violation = self._check(
                 ErrorCode.PATH_TOLERANCE_VIOLATED, desired, positions, self._on_path
