@@ -17,9 +17,9 @@ from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text, requi
 from ikservo.files.validation import Location, ValidationIssue, first_issue
 from ikservo.files.writing import (
     BACKUP_SUFFIX,
+    checked_toml,
     exclusive_access,
     strip_checksum,
-    with_checksum,
     write_atomic,
 )
 from ikservo.registers import MODELS, Family
@@ -131,15 +131,13 @@ _HEADER = """\
 
 def dump_calibration(calibration: Calibration) -> str:
     """Format a calibration as the text of its file."""
-    import tomli_w  # noqa: PLC0415  # needed for writing only
-
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
     for joint in tables["joints"]:  # for a rigid joint, the format of old files is kept
         for name in [name for name in ("compliance", "play_deg") if joint[name] == 0.0]:
             del joint[name]
     if not tables["cameras"]:  # then the format of old files is kept
         del tables["cameras"]
-    return with_checksum(_HEADER + tomli_w.dumps(tables))
+    return checked_toml(_HEADER, tables)
 
 
 def read_calibration(path: Path) -> Calibration:

@@ -14,7 +14,7 @@ from ikservo.calibration.records import Name, Text
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
 from ikservo.files.validation import StrictModel
-from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+from ikservo.files.writing import checked_toml, strip_checksum, write_atomic
 
 _HEADER = """\
 # Masses and motors of one arm, written by `ikservo identify`. `ikservo sim --as-identified`
@@ -69,10 +69,7 @@ class IdentifiedArm(StrictModel):
 
 def dump_identified(arm: IdentifiedArm) -> str:
     """Format the identification of an arm as the text of its file."""
-    import tomli_w  # noqa: PLC0415  # needed for writing only
-
-    tables = arm.model_dump(mode="python", exclude_none=True)
-    return with_checksum(_HEADER + tomli_w.dumps(tables))
+    return checked_toml(_HEADER, arm.model_dump(mode="python", exclude_none=True))
 
 
 def read_identified(path: Path) -> IdentifiedArm:

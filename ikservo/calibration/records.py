@@ -14,7 +14,7 @@ from ikservo.calibration.joint_limits import Limit, Limits
 from ikservo.calibration.joint_map import JointMap
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
 from ikservo.files.validation import FormatOne, Name, Register, RegisterValue, Sign, StrictModel
-from ikservo.files.writing import strip_checksum, with_checksum
+from ikservo.files.writing import checked_toml, strip_checksum
 from ikservo.kinematics.arrays import Vector
 
 RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
@@ -254,9 +254,7 @@ class PartialCalibration(StrictModel):
 
 def dump_partial(partial: PartialCalibration) -> str:
     """Format an incomplete calibration as the text of its file."""
-    import tomli_w  # noqa: PLC0415  # needed for writing only
-
-    return with_checksum(_HEADER + tomli_w.dumps(partial.model_dump(mode="python")))
+    return checked_toml(_HEADER, partial.model_dump(mode="python"))
 
 
 def read_partial(path: Path) -> PartialCalibration | None:

@@ -21,9 +21,9 @@ from ikservo.files.reading import MAX_BYTES, parse_toml, read_text, require_file
 from ikservo.files.validation import StrictModel
 from ikservo.files.writing import (
     FileWriteError,
+    checked_toml,
     remove_durably,
     strip_checksum,
-    with_checksum,
     write_atomic,
 )
 from ikservo.hardware.bus import ServoBus
@@ -64,10 +64,7 @@ class Journal(StrictModel):
 
 def dump_journal(journal: Journal) -> str:
     """Format a transaction as the text of its journal."""
-    import tomli_w  # noqa: PLC0415  # needed for writing only
-
-    tables = journal.model_dump(mode="python", exclude_defaults=True)
-    return with_checksum(_HEADER + tomli_w.dumps(tables))
+    return checked_toml(_HEADER, journal.model_dump(mode="python", exclude_defaults=True))
 
 
 def read_journal(path: Path) -> Journal | None:

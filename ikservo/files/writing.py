@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Generator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from ikservo.errors import FileFormatError, IkservoError
 
@@ -242,6 +242,13 @@ def _sync_folder(folder: Path) -> None:
 
 
 _CHECKSUM = 'checksum = "sha256:'
+
+
+def checked_toml(header: str, tables: Mapping[str, Any]) -> str:
+    """Format tables as TOML below a header of comments, with a checksum line in front."""
+    import tomli_w  # noqa: PLC0415  # needed for writing only
+
+    return with_checksum(header + tomli_w.dumps(tables))
 
 
 def with_checksum(body: str) -> str:

@@ -14,7 +14,7 @@ def make_swept_state(limp_arm, signs, margin_rad=0.02):
         margin_rad: Margin of the limits inside the sweep.
     """
     _, ticks = limp_arm.read_ticks()
-    state = CalibrationState.begin(limp_arm.make_subjects("home"), margin_rad)
+    state = CalibrationState(limp_arm.make_subjects("home"), margin_rad)
     for k in range(60):
         state = state.update(0.02 * k, ticks)
     state, at_s = state.accept(), 2.0

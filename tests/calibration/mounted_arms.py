@@ -200,7 +200,7 @@ def read_until(limp_arm, state, done, longest_s=30.0):
 def accept_anchor_pose(limp_arm, arm, margin_rad):
     operator = Operator(arm)
     operator.hold_all()
-    state = CalibrationState.begin(limp_arm.make_subjects(arm.pose), margin_rad)
+    state = CalibrationState(limp_arm.make_subjects(arm.pose), margin_rad)
     state = read_until(limp_arm, state, lambda w: w.is_at_rest)
     pose = limp_arm.model.pose(arm.pose)
     arm.held = {name: arm.true_position(name) - position for name, position in pose.items()}

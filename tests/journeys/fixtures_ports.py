@@ -154,7 +154,7 @@ def _calibrate(mounted_arm):
         limp_arm.serial_number = SERIAL
         state = _swept(
             mounted_arm,
-            CalibrationState.begin(limp_arm.make_subjects("home"), MARGIN_RAD),
+            CalibrationState(limp_arm.make_subjects("home"), MARGIN_RAD),
             limp_arm.read_ticks()[1],
         )
         outcome = limp_arm.build_calibration(state, "home", WHEN, write_limits=False)

@@ -104,16 +104,16 @@ class _EndStopSearch:
         self._context, self._bus, self._joint, self._end = context, bus, joint, end
         self._fraction, self._on_positions = fraction, on_positions
         self._column = context.index.column(joint)
-        joint_map = context.servos.driven_joints[self._column].joint_map
+        driven = context.servos.driven_joints[self._column]
+        joint_map = driven.joint_map
         self._servo = bus.servos[joint_map.servo_id]
         self._per_horn = joint_map.unit_per_horn_rad
         self._trajectory: OnlineTrajectory | None = None
         self._polled_s = -math.inf
         self._leaving = False
         # The lag behind the goal at which the servo presses with its full allowed torque.
-        limits = self._context.servos.driven_joints[self._column]
-        speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
-        lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
+        speed = context.planner.motion_limits("slow")[self._column].speed_rad_s
+        lead_rad = driven.max_lead_ticks(speed) * joint_map.horn_rad_per_tick
         self.detector = EndStopDetector(100.0 * fraction, _PRESSING_SHARE * lead_rad)
         self.furthest = math.nan
 
@@ -217,17 +217,6 @@ def early_contact_error(
         "Nothing was saved; torque stays on. Remove the obstacle. If this is the end stop, "
         "calibrate by hand: ikservo calibrate. Or use the range in the arm file: "
         f"--skip {end.joint}",
-    )
-
-
-def missing_stop_error(
-    found: ContactResult, end: RangeEnd, subject: JointUnderCalibration
-) -> CalibrationError:
-    """Return the error for a joint that moved past the expected position of its stop."""
-    return CalibrationError(
-        f"{end.joint} has no end stop up to {subject.joint_map.format(found.position)}.",
-        "Nothing was saved. Check that the arm was in the pose when the pose was recorded. If the "
-        f"joint has no end stop: --continuous {end.joint}",
     )
 
 
@@ -416,7 +405,11 @@ class AutoCalibration:
             self._update_state,
         )  # fmt: skip
         if found.contact is ContactState.MOVING:
-            raise missing_stop_error(found, end, subject)
+            raise CalibrationError(
+                f"{end.joint} has no end stop up to {subject.joint_map.format(found.position)}.",
+                "Nothing was saved. Check that the arm was in the pose when the pose was recorded. "
+                f"If the joint has no end stop: --continuous {end.joint}",
+            )
         return found
 
     def _move_to_posture(self, posture: Vector) -> None:

@@ -99,14 +99,10 @@ class CalibrationOptions:
     def begin(self, limp_arm: TorqueOffArm) -> CalibrationState:
         """Return the initial state, including the answers that were given as options."""
         subjects = limp_arm.make_subjects(self.pose, only=self.joints)
-        state = CalibrationState.begin(subjects, self.margin_rad)
+        state = CalibrationState(subjects, self.margin_rad)
         free = frozenset(state.find_joint(joint).name for joint in self.continuous)
         skipped = frozenset(state.find_joint(joint).name for joint in self.skip)
         return replace(state, free=free, skipped=skipped)
-
-    def with_user_ranges(self, more: Mapping[str, Limits]) -> CalibrationOptions:
-        """Return the options with ranges from ``more`` for joints without a user-defined range."""
-        return replace(self, user={**more, **self.user})
 
 
 def calibrate_by_hand(

@@ -7,7 +7,7 @@ a web page and a test use the same procedure. Every step returns a new `Calibrat
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -201,13 +201,6 @@ class CalibrationState:
     motor_driven: bool = False
     direction_start: Mapping[int, int] | None = None
     before: CalibrationState | None = None
-
-    @classmethod
-    def begin(
-        cls, subjects: Sequence[JointUnderCalibration], margin_rad: float = MARGIN_RAD
-    ) -> CalibrationState:
-        """Return the initial state."""
-        return cls(tuple(subjects), margin_rad)
 
     # --- queries ---
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from ikservo.apps.calibrating.auto_calibration import AutoCalibration, check_auto_allowed
 from ikservo.apps.calibrating.auto_calibration_setup import (
@@ -67,7 +68,7 @@ def calibrate_auto(
             auto = AutoCalibration(limp_arm, state, options.pose, measured)
             with second_interrupt_lowers(auto.arm):
                 state = operator.run(auto.run())
-            narrowed = options.with_user_ranges(auto.partial_limits)
+            narrowed = replace(options, user={**auto.partial_limits, **options.user})
             _, outcome = operator.run(review(limp_arm, state, narrowed, may_have_sagged=True))
             path = limp_arm.save(outcome)
         measured.remove_file()

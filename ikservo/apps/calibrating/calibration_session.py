@@ -94,7 +94,7 @@ class TorqueOffArm:
 
     def make_subjects(
         self, pose: str, known: Mapping[str, TickRange] | None = None, only: Collection[str] = ()
-    ) -> list[JointUnderCalibration]:
+    ) -> tuple[JointUnderCalibration, ...]:
         """Return the joints to calibrate, given a named pose; all joints if ``only`` is empty.
 
         Raises:
@@ -116,7 +116,7 @@ class TorqueOffArm:
                     (known or {}).get(joint.name),
                 )
             )
-        return subjects
+        return tuple(subjects)
 
     def read_facts(self) -> None:
         """Read the configuration of every servo."""

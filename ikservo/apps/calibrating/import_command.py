@@ -86,7 +86,7 @@ def _measure_and_review(
     """
     subjects = limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm))
     free = frozenset(joint.name for joint in joints if joint.is_continuous)
-    state = replace(CalibrationState.begin(subjects, margin_rad), free=free)
+    state = CalibrationState(subjects, margin_rad, free=free)
     state = yield from record_ranges(limp_arm, state, pose)
     yield from check_zeros(state, pose, limp_arm.model.name)
     for line in lerobot_mismatches(joints, limp_arm.facts):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.apps.calibrating.kinematic_calibration import Parameter, TouchPoint
-from ikservo.apps.calibrating.parameter_selection import CalibrationEstimate
+from ikservo.apps.calibrating.parameter_selection import MIN_TOUCHES, CalibrationEstimate
 from ikservo.apps.calibrating.touch_procedure import TouchOffState
 from ikservo.errors import (
     BadValueError,
@@ -97,7 +97,7 @@ def _touch_request(
         where = "" if target.position_m is None else f" at {format_point(target.position_m)}"
         text = f"put the tip on {target.name}{where}."
         wait_s = 0.0 if state.is_at_rest and state.has_moved else None
-        ends = last == "finish" or state.has_enough_touches
+        ends = last == "finish" or done >= MIN_TOUCHES
         accept = Choice(ACCEPT, last if ends else "", "a")
         choices = (Choice("touch", "touch", "Enter", wait_s), skip, undo, accept)
     missing = CalibrationError(

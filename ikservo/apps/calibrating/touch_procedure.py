@@ -14,7 +14,6 @@ import numpy as np
 
 from ikservo.apps.calibrating.kinematic_calibration import TouchPoint
 from ikservo.apps.calibrating.parameter_selection import (
-    MIN_TOUCHES,
     CalibrationEstimate,
     select_and_fit,
 )
@@ -177,8 +176,3 @@ class TouchOffState:
         return replace(
             self, found=select_and_fit(self.chain, self.touches, self.present), before=self
         )
-
-    @property
-    def has_enough_touches(self) -> bool:
-        """Whether there are enough touches for a review."""
-        return len(self.touches) >= MIN_TOUCHES

@@ -266,8 +266,7 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
         InputError: The ray meets neither a thing nor the plane.
     """
     hits: list[tuple[float, str | None]] = [(ray.distance_to_level_m(z_m), None)]
-    for thing in things:
-        hits.append((ray.distance_to_thing_m(thing.row), thing.name))
+    hits += [(ray.distance_to_thing_m(thing.row), thing.name) for thing in things]
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(

@@ -209,9 +209,8 @@ def _describe(result: CameraResult) -> Iterator[str]:
         yield (
             "The bending of the links is unknown, and a hand that carries the arm hides the "
             "bending. When the arm carries itself, the tip error is larger than these figures, "
-            "by about "
-            f"{_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per N m, as "
-            f"printed joints do. A calibration without --by-hand measures the bending."
+            f"by about {_mm(result.sag_m)} if each joint bends by {PRINTED_COMPLIANCE} rad per "
+            "N m, as printed joints do. A calibration without --by-hand measures the bending."
         )
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:

@@ -6,14 +6,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.paths import camera_path
 from ikservo.calibration.records import CalibratedCamera, SeenBoard
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
-from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+from ikservo.files.validation import StrictModel
+from ikservo.files.writing import checked_toml, strip_checksum, write_atomic
 
 SIMULATED = "sim"
 """Key of a simulated arm, which has no adapter with a serial number."""
@@ -73,10 +73,7 @@ def load_camera(
     known = None
     if path.exists():
         tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
-        try:
-            known = CameraFile.model_validate(tables)
-        except ValidationError as error:
-            raise first_issue(validation_issues(error, CameraFile), path) from None
+        known = CameraFile.from_tables(tables, path)
     if usb_serial_number == SIMULATED:
         camera = None if known is None else known.camera
     else:
@@ -95,9 +92,6 @@ def save_camera(arm: str, usb_serial_number: str, known: CameraFile, name: str =
     Raises:
         FileWriteError: The disk is full or not writable; the file is unchanged.
     """
-    import tomli_w  # noqa: PLC0415  # needed for writing only
-
     path = camera_path(arm, usb_serial_number, name)
-    tables = known.model_dump(mode="python", exclude_none=True)
-    write_atomic(path, with_checksum(_HEADER + tomli_w.dumps(tables)))
+    write_atomic(path, checked_toml(_HEADER, known.model_dump(mode="python", exclude_none=True)))
     return path

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ikservo.apps.cameras.board_detection import Picture
 from ikservo.calibration.calibration_file import dump_calibration, read_calibration
 from ikservo.calibration.records import Calibration, Name, Text
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
-from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+from ikservo.files.validation import StrictModel
+from ikservo.files.writing import checked_toml, strip_checksum, write_atomic
 from ikservo.kinematics.arrays import Vector
 
 _INDEX, _CALIBRATION = "pictures.toml", "calibration.toml"
@@ -98,10 +98,8 @@ class PictureFolder:
         self._write_index()
 
     def _write_index(self) -> None:
-        import tomli_w  # noqa: PLC0415  # needed for writing only
-
-        tables = self._index.model_dump(mode="python")
-        write_atomic(self._path / _INDEX, with_checksum(_HEADER + tomli_w.dumps(tables)))
+        text = checked_toml(_HEADER, self._index.model_dump(mode="python"))
+        write_atomic(self._path / _INDEX, text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,21 +136,14 @@ def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPicture
     """
     path = folder / _INDEX
     tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
-    try:
-        index = PictureIndex.model_validate(tables)
-    except ValidationError as error:
-        raise first_issue(validation_issues(error, PictureIndex), path) from None
+    index = PictureIndex.from_tables(tables, path)
     if index.arm != arm:
         raise FileFormatError(path, "arm", f"is {index.arm}", arm)
     if index.joints != tuple(joints):
         raise FileFormatError(path, "joints", "differ from those of the arm", ", ".join(joints))
     if any(len(saved.joints_rad) != len(joints) for saved in index.pictures):
-        raise FileFormatError(
-            path,
-            "pictures",
-            "a picture has too few or too many joint positions",
-            f"{len(joints)} per picture",
-        )
+        found = "a picture has too few or too many joint positions"
+        raise FileFormatError(path, "pictures", found, f"{len(joints)} per picture")
     path = folder / _CALIBRATION
     calibration = read_calibration(path) if path.exists() else None
     if calibration is not None and calibration.arm != arm:

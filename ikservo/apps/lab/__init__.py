@@ -5,21 +5,12 @@ from ikservo.app import App, Command
 APP = App(
     name="lab",
     commands={
-        "monitor": Command(
-            "ikservo.apps.lab.monitor_command",
-            "Log the health of the servos, and report wear.",
-            "Set up",
-        ),
-        "test": Command(
-            "ikservo.apps.lab.test_command",
-            "Measure accuracy and repeatability to ISO 9283.",
-            "Set up",
-        ),
-        "identify": Command(
-            "ikservo.apps.lab.identify_command",
-            "Measure this arm's masses, friction, stiffness; moves slowly.",
-            "Set up",
-        ),
+        name: Command(f"ikservo.apps.lab.{name}_command", text, "Set up")
+        for name, text in (
+            ("monitor", "Log the health of the servos, and report wear."),
+            ("test", "Measure accuracy and repeatability to ISO 9283."),
+            ("identify", "Measure this arm's masses, friction, stiffness; moves slowly."),
+        )
     },
     parts={"gripper --weigh": "ikservo.apps.lab.weighing:weigh_held_object"},
 )

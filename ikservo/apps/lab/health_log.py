@@ -16,13 +16,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ikservo.apps.lab.parameter_estimation import Identification
 from ikservo.calibration.records import Name
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import config_dir, read_text
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import StrictModel
 from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import RegisterName
@@ -77,15 +77,11 @@ def read_records(path: Path) -> list[HealthRecord]:
     for number, line in enumerate(read_text(path, _MAX_BYTES).splitlines(), 1):
         try:
             fields: object = json.loads(line)
-            if not isinstance(fields, dict):
-                raise FileFormatError(path, f"line {number}", "is not a record", "a JSON object")
-            records.append(HealthRecord.model_validate(fields))
-        except ValidationError as error:
-            raise first_issue(validation_issues(error, HealthRecord), path) from None
-        except FileFormatError:
-            raise
         except (ValueError, RecursionError) as error:
             raise FileFormatError(path, f"line {number}", "is not JSON") from error
+        if not isinstance(fields, dict):
+            raise FileFormatError(path, f"line {number}", "is not a record", "a JSON object")
+        records.append(HealthRecord.from_tables(fields, path))
     return records
 
 

@@ -69,7 +69,7 @@ def conversation(arm, terminal, typed):
     with arm.open_limp() as limp_arm:
         limp_arm.disable_torque()
         schedule_operator(arm, limp_arm.make_subjects("home"))
-        state = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
+        state = CalibrationState(limp_arm.make_subjects("home"), math.radians(0.3))
 
         def watched():
             recording = record_ranges(limp_arm, state, "home")

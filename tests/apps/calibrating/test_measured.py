@@ -113,6 +113,6 @@ def test_motor_driven_joint_with_known_range_is_marked_as_driven():
 
 
 def test_default_margin_inside_swept_range_is_2_degrees():
-    state = CalibrationState.begin([subject()])
+    state = CalibrationState((subject(),))
     (low, high) = measured().range_inside_margin(state.margin_rad)
     assert (math.degrees(low), math.degrees(high)) == pytest.approx((-88.0, 88.0))

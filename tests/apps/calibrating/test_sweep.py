@@ -36,7 +36,7 @@ class Hand:
     """Moves joints through a calibration and keeps its own clock."""
 
     def __init__(self, *subjects, start=100, margin_rad=0.0):
-        self.state = CalibrationState.begin(subjects, margin_rad)
+        self.state = CalibrationState(subjects, margin_rad)
         self.ticks = {i: start for s in subjects for i in (s.servo_id, *s.shadow_ids)}
         self.at_s = 0.0
 
