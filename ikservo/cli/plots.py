@@ -103,14 +103,6 @@ def arm_polyline(model: Model, q: Vector) -> tuple[Matrix, Matrix]:
     return np.array([points[link] for link in links]), np.array(joints)
 
 
-def square_axes(axes: Axes, points: Matrix, side_m: float) -> None:
-    """Set both axes to a square with the points (n, 2) in the centre."""
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    low, high = middle - 0.5 * side_m, middle + 0.5 * side_m
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
-
-
 def label_length_axes(axes: Axes, across: str, up: str) -> None:
     """Label both axes in metres, and draw them to the same scale."""
     axes.set_aspect("equal")
@@ -295,7 +287,10 @@ def _draw_view(
     if view.up == "z":
         axes.axhline(0.0, color=_GROUND, linewidth=1.2, zorder=0.5)
     axes.set_title(view.title)
-    square_axes(axes, view.project_points(poses, target_m), side_m)
+    points = view.project_points(poses, target_m)
+    left, bottom = 0.5 * (points.min(axis=0) + points.max(axis=0) - side_m)
+    axes.set_xlim(left, left + side_m)
+    axes.set_ylim(bottom, bottom + side_m)
     label_length_axes(axes, view.across, view.up)
 
 

@@ -118,20 +118,14 @@ def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> No
             last_link_directions=list(found.freedom),
         )
         return
+    units = joint_units(model.chain)
     rows = [
-        [str(i), *format_joints(model.chain, result.q), f"{result.position_error_m * 1000:.4f} mm"]
+        [str(i), *map(format_position, result.q.tolist(), units),
+         f"{result.position_error_m * 1000:.4f} mm"]
         for i, result in enumerate(found.results, start=1)
-    ]
+    ]  # fmt: skip
     print_table(["#", *model.chain.names, "error"], rows)
     print_lines([f"closed form of {found.structure}", *map(_format_freedom, found.freedom)])
-
-
-def format_joints(chain: Chain, q: Vector) -> Sequence[str]:
-    """Format each joint's position with its unit."""
-    return [
-        format_position(value, unit)
-        for value, unit in zip(q.tolist(), joint_units(chain), strict=True)
-    ]
 
 
 def joint_units(chain: Chain) -> list[JointUnit]:

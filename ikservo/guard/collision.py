@@ -52,6 +52,7 @@ class CollisionChecker:
         shapes: The obstacles (k, 17) other than the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity if there is no table.
         things: The names of the obstacles other than the table.
+        dof: The length of the joint vectors.
         overlap_m: The allowed overlap of each pair (pairs,).
         watched: Whether each pair (pairs,) is checked.
         bends: Computes the link joints (n, dof) from the sensor joints (n, dof); None if the arm
@@ -69,6 +70,7 @@ class CollisionChecker:
         self.bends: Callable[[Matrix], Matrix] | None = None
         self.sag, self.body = sag, body.pack()
         packed = self.body
+        self.dof = packed.dof
         self.things = tuple(box.name for box in boxes)
         self.shapes = np.array([box.row for box in boxes]).reshape(len(boxes), SHAPE_WIDTH)
         things = ["the table", *self.things]
@@ -97,11 +99,6 @@ class CollisionChecker:
         other = CollisionChecker(body, self.floor_m, boxes, sag)
         other.bends = self.bends
         return other
-
-    @property
-    def dof(self) -> int:
-        """The length of the joint vectors."""
-        return self.body.dof
 
     def check_path(
         self,

@@ -57,23 +57,21 @@ class StopLatch:
     """Reason for a stop, held until the stop is acknowledged.
 
     Latching a stop is one assignment, so a signal or another thread may do it at any time.
+
+    Attributes:
+        reason: The reason for the stop; None if the arm is not stopped.
     """
 
     def __init__(self) -> None:
-        self._reason: StopReason | None = None
-
-    @property
-    def reason(self) -> StopReason | None:
-        """The reason for the stop; None if the arm is not stopped."""
-        return self._reason
+        self.reason: StopReason | None = None
 
     def latch_stop(self, reason: StopReason) -> None:
         """Latch a stop for a reason; the first reason is kept, because it causes the others."""
-        self._reason = self._reason or reason
+        self.reason = self.reason or reason
 
     def acknowledge(self) -> StopReason | None:
         """Clear the stop and return its reason."""
-        reason, self._reason = self._reason, None
+        reason, self.reason = self.reason, None
         return reason
 
     def raise_if_stopped(self) -> None:
@@ -82,5 +80,5 @@ class StopLatch:
         Raises:
             LatchedStopError: The arm was stopped; the error has the reason.
         """
-        if self._reason is not None:
-            raise LatchedStopError(self._reason.headline)
+        if self.reason is not None:
+            raise LatchedStopError(self.reason.headline)

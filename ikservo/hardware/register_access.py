@@ -45,6 +45,8 @@ class RegisterAccess:
         fast: Whether fast sync read is tried if the family supports it.
 
     Attributes:
+        statistics: The reply statistics of each servo.
+        alarms: The alarms in the latest reply of each servo that has replied.
         backup_owner: Name of the folder for EEPROM backups; if empty, no backups are made.
     """
 
@@ -54,6 +56,8 @@ class RegisterAccess:
         self.port = port
         self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
         self._requester = Requester(port, servos, retries, fast=fast)
+        self.statistics: Mapping[int, ServoStatistics] = self._requester.statistics
+        self.alarms: Mapping[int, frozenset[Alarm]] = self._requester.alarms
         self.backup_owner = ""
         self._torque_on: set[int] = set()
         self.stop_listener: StopListening | None = None
@@ -64,16 +68,6 @@ class RegisterAccess:
     def clock(self) -> Clock:
         """The clock of the line; virtual if the servos are simulated."""
         return self.port.clock
-
-    @property
-    def statistics(self) -> Mapping[int, ServoStatistics]:
-        """The reply statistics of each servo."""
-        return self._requester.statistics
-
-    @property
-    def alarms(self) -> Mapping[int, frozenset[Alarm]]:
-        """The alarms in the latest reply of each servo that has replied."""
-        return self._requester.alarms
 
     def ping(self, servo_id: int) -> PingResult:
         """Return the identity that a servo reports.

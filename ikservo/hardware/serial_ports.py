@@ -84,7 +84,8 @@ class SerialAdapter:
     @property
     def chip(self) -> str:
         """The name of the chip, from vendor and product id, or the adapter's own description."""
-        return chip_name(self.vid, self.pid) or self.description or "unknown"
+        chip = _CHIPS.get((self.vid, self.pid)) or _MAKERS.get(self.vid)
+        return chip or self.description or "unknown"
 
     @property
     def usb(self) -> str:
@@ -143,11 +144,6 @@ def watch_adapters(clock: Clock | None = None, period_s: float = 0.2) -> Iterato
         yield from (AdapterEvent("unplugged", adapter) for adapter in before if adapter not in now)
         yield from (AdapterEvent("plugged", adapter) for adapter in now if adapter not in before)
         before = now
-
-
-def chip_name(vid: int, pid: int) -> str:
-    """Return the chip of a USB vendor and product id; if unknown, its maker or an empty text."""
-    return _CHIPS.get((vid, pid)) or _MAKERS.get(vid, "")
 
 
 RULES_FILE = "60-ikservo.rules"

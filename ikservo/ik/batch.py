@@ -134,7 +134,14 @@ def solve_batch(
     for joint in ready.idle[kind_code]:
         stay = [joint.resting_position(start) for start in starts[:, joint.column].tolist()]
         answers[:, joint.column] = stay
-    return _make_batch_result(chain.dof, answers)
+    tail = answers[:, 2 * chain.dof :]
+    return BatchResult(
+        q=answers[:, : chain.dof].copy(),
+        reached=tail[:, REACHED] == 1.0,
+        position_error_m=tail[:, POSITION_ERROR].copy(),
+        orientation_error_rad=tail[:, ROTATION_ERROR].copy(),
+        iterations=tail[:, ITERATIONS].astype(np.int64),
+    )
 
 
 def _problem_rows(
@@ -177,14 +184,3 @@ def _start_rows(chain: Chain, q0s: ArrayLike | None, count: int) -> Matrix:
             "A start", f"{np.abs(starts).max():g}", "radians or metres, at most 1e6"
         )
     return np.array(starts, order="C")
-
-
-def _make_batch_result(dof: int, answers: Matrix) -> BatchResult:
-    tail = answers[:, 2 * dof :]
-    return BatchResult(
-        q=answers[:, :dof].copy(),
-        reached=tail[:, REACHED] == 1.0,
-        position_error_m=tail[:, POSITION_ERROR].copy(),
-        orientation_error_rad=tail[:, ROTATION_ERROR].copy(),
-        iterations=tail[:, ITERATIONS].astype(np.int64),
-    )

@@ -35,10 +35,6 @@ class AxisConstraint:
     target: CircleTrace
     tool: CircleTrace
 
-    def phase_product(self, yaw_rad: float, roll_rad: float) -> complex:
-        """Return d ā along the plane; the phase of this product is the angle α from a to d."""
-        return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
-
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
         """Compute the distance of d from a rotated by α: about the angle between the two [rad]."""
         along = self.target.in_plane_part(yaw_rad)
@@ -140,7 +136,11 @@ class AnalyticProblem:
 
     def tool_direction(self, yaw_rad: float, roll_rad: float) -> float | None:
         """Return α, the rotation of the last link that the aims require; None if it is free."""
-        products = [aim.phase_product(yaw_rad, roll_rad) for aim in self.aims]
+        # The phase of each product d ā along the plane is the angle from a to d.
+        products = [
+            aim.target.in_plane_part(yaw_rad) * aim.tool.in_plane_part(roll_rad).conjugate()
+            for aim in self.aims
+        ]
         if all(abs(product) < _NO_ANGLE for product in products):
             return None
         return cmath.phase(sum(products))

@@ -115,7 +115,7 @@ class CollisionBody:
     def __init__(
         self, chain: Chain, capsules: Sequence[Capsule], postures: Sequence[ArrayLike] = ()
     ) -> None:
-        self._chain = chain
+        self.chain = chain
         self._capsules = sorted(capsules, key=lambda capsule: capsule.link)
         self._radii_m = np.array([capsule.radius_m for capsule in self._capsules])
         self._links = list(dict.fromkeys(capsule.link for capsule in self._capsules))
@@ -132,18 +132,13 @@ class CollisionBody:
             nearest_m = self.link_distances(np.array(postures)).gap_m.min(axis=0)
             self._overlap_m = np.maximum(_MARGIN_M - nearest_m, 0.0)
 
-    @property
-    def chain(self) -> Chain:
-        """The chain whose joint vectors place the capsules."""
-        return self._chain
-
     def with_attached(self, name: str, link: str, capsules: Sequence[Capsule]) -> CollisionBody:
         """Return the body with a thing fixed to one of its links.
 
         The thing may touch that link, and the links that a single joint connects to that link. Its
         capsules are in coordinates of the link; their ``link`` is the thing's name.
         """
-        body = CollisionBody(self._chain.with_frame(name, link), [*self._capsules, *capsules])
+        body = CollisionBody(self.chain.with_frame(name, link), [*self._capsules, *capsules])
         overlaps = dict(zip(self.pairs, self._overlap_m.tolist(), strict=True))
         body._overlap_m = np.array([overlaps.get(pair, 0.0) for pair in body.pairs])
         return body
@@ -170,12 +165,12 @@ class CollisionBody:
 
     @cached_property
     def _packed(self) -> PackedBody:
-        names, links = pack_links(self._chain)
-        reach = LinkTravelBounds(self._chain, self._capsules)
+        names, links = pack_links(self.chain)
+        reach = LinkTravelBounds(self.chain, self._capsules)
         pair = np.searchsorted(self._first, np.arange(len(self._ones)), side="right") - 1
         return PackedBody(
-            base=self._chain.base,
-            dof=self._chain.dof,
+            base=self.chain.base,
+            dof=self.chain.dof,
             names=names,
             links=links,
             capsules=pack_capsules(self._capsules, names),
@@ -184,13 +179,13 @@ class CollisionBody:
             overlap_m=self._overlap_m,
             reach_m=np.array([reach.bound_of(name) for name in names]),
             pair_reach_m=np.array([reach.relative_bound(a, b) for a, b in self.pairs]).reshape(
-                len(self.pairs), self._chain.dof
+                len(self.pairs), self.chain.dof
             ),
         )
 
     def _capsule_ends(self, q: ArrayLike) -> tuple[Matrix, Matrix]:
         """Return both ends (n, capsules, 3) of every capsule in world coordinates."""
-        poses = self._chain.link_poses(q)
+        poses = self.chain.link_poses(q)
         ends = [capsule.ends(poses[capsule.link]) for capsule in self._capsules]
         return np.stack([a for a, _ in ends], axis=1), np.stack([b for _, b in ends], axis=1)
 
@@ -199,7 +194,7 @@ class CollisionBody:
         owners = [capsule.link for capsule in self._capsules]
         first = [owners.index(link) for link in self._links]
         per_link = np.minimum.reduceat(gap_m, first, axis=1)
-        moving = [i for i, link in enumerate(self._links) if link != self._chain.base]
+        moving = [i for i, link in enumerate(self._links) if link != self.chain.base]
         return PairDistances(tuple((self._links[i], other) for i in moving), per_link[:, moving])
 
     def _capsule_pairs(self) -> tuple[list[int], list[int], list[int]]:

@@ -35,11 +35,6 @@ class GeometricErrors(FrozenArrays):
     base_rad: Vector = field(default_factory=lambda: np.zeros(3))
     origins_m: Mapping[str, Vector] = field(default_factory=dict[str, Vector])
 
-    @property
-    def T_world_base(self) -> Matrix:  # noqa: N802  # the name follows the mathematics
-        """The pose (4, 4) of the described base."""
-        return make_pose(self.base_m, exp_so3(self.base_rad))
-
 
 def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
     """Apply geometric errors to a chain."""
@@ -51,7 +46,7 @@ def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
         origin = joint.origin.copy()
         origin[:3, 3] += geometry.origins_m.get(name, 0.0)
         if joint.parent == chain.base:
-            origin = geometry.T_world_base @ origin
+            origin = make_pose(geometry.base_m, exp_so3(geometry.base_rad)) @ origin
         origins[name] = origin
     return chain.with_origins(origins)
 

@@ -38,6 +38,9 @@ class OnlineTrajectory:
             the start, so that a joint slightly outside can move back.
         upper: The highest positions (n,); None means no bound.
 
+    Attributes:
+        duration_s: The time at which it is finally at rest; infinite until it is stopped.
+
     Raises:
         BadValueError: A shape is wrong, a number is not finite, or lower is above upper.
         RefusedError: The joints cannot come to rest inside their limits.
@@ -70,12 +73,7 @@ class OnlineTrajectory:
                 "Nothing was sent. Wait until the arm is at rest.",
             )
         self._pieces: _Pieces = ((0.0, rest),)
-        self._aimed_s, self._end_s = 0.0, math.inf
-
-    @property
-    def duration_s(self) -> float:
-        """The time at which the trajectory is finally at rest; infinite until it is stopped."""
-        return self._end_s
+        self._aimed_s, self.duration_s = 0.0, math.inf
 
     @property
     def goal(self) -> Vector:
@@ -111,7 +109,7 @@ class OnlineTrajectory:
         """
         clipped = np.clip(finite_vector(goal, len(self._limits), "The goal"), *self._bounds)
         self._check_time(time_s)
-        if math.isfinite(self._end_s):
+        if math.isfinite(self.duration_s):
             raise RefusedError("The motion has already ended.", "Start a new motion.")
         if not np.array_equal(clipped, self._pieces[-1][1].goal):
             pieces = self._first_inside(self._candidate_trajectories(clipped, time_s))
@@ -134,11 +132,11 @@ class OnlineTrajectory:
         Raises:
             BadValueError: The time decreases.
         """
-        if math.isfinite(self._end_s):
+        if math.isfinite(self.duration_s):
             return
         self._check_time(time_s)
         self._pieces = self._first_inside(self._candidate_stops(time_s))
-        self._aimed_s, self._end_s = time_s, max(self.settles_at_s, time_s)
+        self._aimed_s, self.duration_s = time_s, max(self.settles_at_s, time_s)
 
     def _candidate_trajectories(self, goal: Vector, time_s: float) -> Iterator[_Pieces]:
         """Yield motions to a goal, the best first; the last one passes through the old goal."""

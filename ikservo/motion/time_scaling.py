@@ -38,10 +38,6 @@ class _SpeedZone:
     acceleration: float
     jerk: float
 
-    @property
-    def kinematic_limits(self) -> KinematicLimits:
-        return KinematicLimits(self.speed, self.acceleration, self.jerk)
-
 
 class TimeScaling:
     """Fast time scaling of a curve, from rest to rest.
@@ -90,7 +86,7 @@ class TimeScaling:
                     JointMove(
                         _passing_state(zone.begin, first),
                         _passing_state(zone.end, second),
-                        [zone.kinematic_limits],
+                        [KinematicLimits(zone.speed, zone.acceleration, zone.jerk)],
                     )
                     for zone, (first, second) in zip(zones, pairwise(speeds), strict=True)
                 ]

@@ -44,31 +44,23 @@ class ArmLease:
         timeout_s: The time for which a message is valid and keeps a motion running.
 
     Attributes:
+        holder: The operator who controls the arm; None if nobody does.
+        moving: The holder under whose lease a motion is running; None if no motion is running.
         dropped: The number of setpoints that were dropped.
     """
 
     def __init__(self, clock: Clock, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> None:
         self._clock, self._lock, self.timeout_s = clock, threading.Lock(), timeout_s
-        self._holder: Holder | None = None
-        self._moving: Holder | None = None
+        self.holder: Holder | None = None
+        self.moving: Holder | None = None
         self._closed = False
         self._received_s = -math.inf
         self._setpoint_number = self._request_number = -1
         self.dropped = 0
 
-    @property
-    def holder(self) -> Holder | None:
-        """The operator who controls the arm; None if nobody does."""
-        return self._holder
-
-    @property
-    def moving(self) -> Holder | None:
-        """The holder under whose lease a motion is running; None if no motion is running."""
-        return self._moving
-
     def is_held_by(self, lease: str) -> bool:
         """Check whether a lease is the current lease."""
-        holder = self._holder
+        holder = self.holder
         return holder is not None and holder.lease == lease
 
     @contextmanager
@@ -81,16 +73,16 @@ class ArmLease:
         with self._lock:
             if not self.is_held_by(lease):
                 raise LeaseLostError
-            self._moving = self._holder
+            self.moving = self.holder
         try:
             yield
         finally:
-            self._moving = None
+            self.moving = None
 
     def close(self) -> None:
         """Withdraw the lease permanently; a motion that runs under it stays in ``moving``."""
         with self._lock:
-            self._holder, self._closed = None, True
+            self.holder, self._closed = None, True
 
     def acquire(self, operator: str, *, take_over: bool = False) -> Holder:
         """Give the lease to an operator.
@@ -105,23 +97,23 @@ class ArmLease:
                 raise RefusedError(
                     "The program that controls the arm is ending.", "Nothing was sent."
                 )
-            if self._holder is not None and not take_over:
+            if self.holder is not None and not take_over:
                 raise RefusedError(
-                    f"{self._holder.operator} controls the arm.",
+                    f"{self.holder.operator} controls the arm.",
                     "Nothing was sent. The arm is free once that program has closed it.",
                 )
             now_s = self._clock.now_s()
-            self._holder = Holder(secrets.token_hex(16), operator, now_s)
+            self.holder = Holder(secrets.token_hex(16), operator, now_s)
             self._received_s = now_s
             self._setpoint_number = self._request_number = -1
-            return self._holder
+            return self.holder
 
     def release(self, lease: str) -> bool:
         """End the lease; return whether the given lease was valid."""
         with self._lock:
             if not self.is_held_by(lease):
                 return False
-            self._holder = None
+            self.holder = None
             return True
 
     def refresh(self, lease: str) -> bool:

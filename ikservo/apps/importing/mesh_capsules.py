@@ -74,11 +74,6 @@ class MeshFit:
     allowed_m: float
 
 
-def allowed_excess_m(triangles: Triangles) -> float:
-    """Return the allowed distance from a mesh: 10 mm, or a tenth of the mesh's largest extent."""
-    return max(_EXCESS_M, _EXCESS_FRACTION * extent_m(triangles))
-
-
 def extent_m(triangles: Triangles) -> float:
     """Return the largest extent of triangles along an axis."""
     return float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
@@ -98,8 +93,8 @@ def fit_capsules(
     (``given``) need no capsule, and a capsule that is close to any of the meshes counts as close to
     the link.
     """
-    allowed_m = allowed_excess_m(triangles)
     size_m = extent_m(triangles)
+    allowed_m = max(_EXCESS_M, _EXCESS_FRACTION * size_m)
     merged, moved_m = simplify(triangles, size_m * _CELL_FRACTION)
     outside = _outside(merged, given, moved_m, size_m * _PIECE_FRACTION)
     if not len(outside):

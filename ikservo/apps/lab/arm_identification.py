@@ -76,11 +76,6 @@ class IdentificationRun:
         start = context.index.with_chain(context.servos.measure_positions(), q)
         return cls(arm, dynamics, plan_excitation(context, dynamics, start, options))
 
-    @classmethod
-    def plan_weighing(cls, arm: Arm) -> IdentificationRun:
-        """Plan a short tour that suffices for the mass in the jaws; nothing moves."""
-        return cls.plan(arm, QUICK_TOUR)
-
     @property
     def path(self) -> Path:
         """Path to the arm's identification file."""

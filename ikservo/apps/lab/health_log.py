@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 from pydantic import Field
 
@@ -81,7 +81,7 @@ def read_records(path: Path) -> list[HealthRecord]:
             raise FileFormatError(path, f"line {number}", "is not JSON") from error
         if not isinstance(fields, dict):
             raise FileFormatError(path, f"line {number}", "is not a record", "a JSON object")
-        records.append(HealthRecord.from_tables(fields, path))
+        records.append(HealthRecord.from_tables(cast("object", fields), path))
     return records
 
 

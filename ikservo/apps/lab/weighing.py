@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ikservo.apps.lab.arm_identification import IdentificationRun
+from ikservo.apps.lab.arm_identification import QUICK_TOUR, IdentificationRun
 from ikservo.apps.lab.identify_command import announce_tour, record_tour
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.open_and_confirm import open_from_options
@@ -17,7 +17,7 @@ def weigh_held_object(connection: ArmConnection, options: MotionOptions) -> None
         IkservoError: The arm cannot make the tour, or the user declined.
     """
     with open_from_options(connection) as machine:
-        run = IdentificationRun.plan_weighing(require_own_port(machine))
+        run = IdentificationRun.plan(require_own_port(machine), QUICK_TOUR)
         announce_tour(run, options)
         result = run.weigh(record_tour(run))
     payload = result.payload

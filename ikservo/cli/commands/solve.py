@@ -34,7 +34,7 @@ from ikservo.model import Model
 from ikservo.model.tool import tool_frame
 
 if TYPE_CHECKING:
-    from ikservo.planning.tool_orientation import ToolOrientation
+    pass
 
 _METHODS = "auto, bounded, closed_form, pseudo_inverse, transpose or ccd."
 
@@ -133,7 +133,11 @@ def command(
     else:
         keep_trace = trace or plot is not None
         if orientation:
-            result = _solve_with_orientation(model, target, orientation, start)
+            from ikservo.planning.tool_orientation import solve_with_orientation  # noqa: PLC0415  # rarely used
+
+            result = solve_with_orientation(
+                model.chain, tool_frame(model), Target(target.position), orientation, start
+            )
         else:
             result = solve(model.chain, target, start, method, trace=keep_trace, posture=posture,
                            nearest=nearest)  # fmt: skip
@@ -178,17 +182,6 @@ def _check_options(
             "--force shows the torques of one solution.",
             "Give it without --all, --compare and --trace.",
         )
-
-
-def _solve_with_orientation(
-    model: Model, target: Target, orientation: ToolOrientation, start: Vector
-) -> Result:
-    """Find joints with the tool orientation that ``move`` would use."""
-    from ikservo.planning.tool_orientation import solve_with_orientation  # noqa: PLC0415  # rarely used
-
-    return solve_with_orientation(
-        model.chain, tool_frame(model), Target(target.position), orientation, start
-    )
 
 
 def _print_all(

@@ -74,7 +74,7 @@ class ProtocolDriver(ABC):
 
     def set_return_delay(self, return_delay_s: float) -> None:
         """Set the maximum return delay before each reply, seconds."""
-        self.transceiver.set_return_delay(return_delay_s)
+        self.transceiver.return_delay_s = return_delay_s
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
         """Check whether one request can read different bytes of each of these servos."""

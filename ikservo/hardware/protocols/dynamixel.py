@@ -68,7 +68,7 @@ class DynamixelDriver(ProtocolDriver):
     def set_return_delay(self, return_delay_s: float) -> None:
         """Set the maximum return delay before each reply, seconds."""
         for exchange in (self.transceiver, self._combined):
-            exchange.set_return_delay(return_delay_s)
+            exchange.return_delay_s = return_delay_s
 
     def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
         """Check whether one request can read different bytes of each of these servos."""

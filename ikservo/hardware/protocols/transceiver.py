@@ -172,20 +172,15 @@ _NO_REPLIES: Mapping[int, int] = {}
 
 
 class Transceiver:
-    """Sender of requests on a port, and receiver of the replies."""
+    """Sender of requests on a port, and receiver of the replies.
+
+    Attributes:
+        return_delay_s: The longest delay of a servo before it replies, as in the servos' registers.
+    """
 
     def __init__(self, port: Port, codec: PacketCodec) -> None:
         self.port, self.codec = port, codec
-        self._return_delay_s = MAX_RETURN_DELAY_S
-
-    @property
-    def return_delay_s(self) -> float:
-        """The longest delay of a servo before it replies, seconds."""
-        return self._return_delay_s
-
-    def set_return_delay(self, return_delay_s: float) -> None:
-        """Set the maximum return delay before each reply, seconds, as in the servos' registers."""
-        self._return_delay_s = return_delay_s
+        self.return_delay_s = MAX_RETURN_DELAY_S
 
     def choose_window(
         self, servo_ids: tuple[int, ...], span: MemoryRange, size_of: Callable[[int], int] = int

@@ -9,7 +9,7 @@ import pytest
 
 import ikservo
 import servosim
-from ikservo.apps.lab.arm_identification import IdentificationRun
+from ikservo.apps.lab.arm_identification import QUICK_TOUR, IdentificationRun
 from ikservo.apps.lab.identify_command import record_tour
 from ikservo.calibration.identified_file import load_identified, read_identified, save_identified
 from ikservo.calibration.paths import identified_path
@@ -210,7 +210,7 @@ def test_identification_shows_motion_count_and_time_left(monkeypatch):
 
     monkeypatch.setattr(IdentificationRun, "record", pass_time)
     with ikservo.open_arm("planar2", port="sim") as arm:
-        run = IdentificationRun.plan_weighing(arm)
+        run = IdentificationRun.plan(arm, QUICK_TOUR)
         record_tour(run)
     count, total_s = len(run.excitation.legs), run.duration_s
     assert shown == [
