@@ -462,11 +462,8 @@ class CollisionError(BlockedError):
         cause = f"{pair[0]} would touch {pair[1]}"
         percent = round(100.0 * fraction)
         where = "inside it at the goal" if percent == 100 else f"deep, at {percent} % of the path"
-        super().__init__(
-            cause,
-            f"{cause}: {depth_m * 1e3:.1f} mm {where}.",
-            "Choose another target, move via another pose, or correct the obstacles.",
-        )
+        hint = "Choose another target, move via another pose, or correct the obstacles."
+        super().__init__(cause, f"{cause}: {depth_m * 1e3:.1f} mm {where}.", hint)
 
 
 class ConstraintError(BlockedError):
@@ -484,11 +481,8 @@ class ConstraintError(BlockedError):
         else:
             cause = f"the tip would be {beyond * 1e3:.1f} mm outside the {what}"
         message = f"{cause}, at {fraction * 100:.0f} % of the path."
-        super().__init__(
-            cause,
-            message[0].upper() + message[1:],
-            "Nothing was sent. Widen the limit, or choose another target or path.",
-        )
+        hint = "Nothing was sent. Widen the limit, or choose another target or path."
+        super().__init__(cause, message[0].upper() + message[1:], hint)
 
 
 class HeldUpError(RefusedError):

@@ -111,11 +111,8 @@ def _check_travel(where: Location, joint: CalibratedJoint) -> Iterator[Validatio
 def _check_range(where: Location, joint: CalibratedJoint) -> Iterator[ValidationIssue]:
     swept = joint.recorded_range()
     if (swept is None) != (joint.swept == "not swept"):
-        yield ValidationIssue(
-            (*where, "swept"),
-            f"is {quote(joint.swept)}",
-            "both limits if swept, otherwise no limits",
-        )
+        expected = "both limits if swept, otherwise no limits"
+        yield ValidationIssue((*where, "swept"), f"is {quote(joint.swept)}", expected)
     elif swept and not swept[0] < swept[1]:
         yield ValidationIssue(
             (*where, "lower_deg"), "is not below the upper limit", "lower < upper"
@@ -263,10 +260,8 @@ def undo_calibration(path: Path) -> Calibration:
             [servo for joint in each.joints for servo in joint.servos] for each in (before, now)
         ]
         if held[0] != held[1]:
-            raise InputError(
-                f"The register values have changed since {backup} was made.",
-                f"Write this file's values into the servos: ikservo calibration push {now.arm}",
-            )
+            hint = f"Write this file's values into the servos: ikservo calibration push {now.arm}"
+            raise InputError(f"The register values have changed since {backup} was made.", hint)
         write_atomic(path, dump_calibration(before), keep_old=True)
     return before
 

@@ -60,12 +60,9 @@ class Limits:
         Raises:
             CalibrationError: The intersection is empty; the error names both limits.
         """
-        return Limits(
-            self.joint,
-            max(self.lower, other.lower, key=lambda limit: limit.value),
-            min(self.upper, other.upper, key=lambda limit: limit.value),
-            self.unit,
-        )
+        lower = max(self.lower, other.lower, key=lambda limit: limit.value)
+        upper = min(self.upper, other.upper, key=lambda limit: limit.value)
+        return Limits(self.joint, lower, upper, self.unit)
 
     def contains(self, value: float) -> bool:
         """Check whether a joint position [rad or m] is inside the limits."""

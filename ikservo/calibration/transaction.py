@@ -259,10 +259,8 @@ def _end_interrupted(
     journal = _find_interrupted(bus, journal_path)
     if journal:
         if journal.temporary and write is _write_servos:
-            raise CalibrationError(
-                "An interrupted search of end stops cannot be completed.",
-                "Undo it: ikservo calibration revert. Or calibrate again: ikservo calibrate",
-            )
+            hint = "Undo it: ikservo calibration revert. Or calibrate again: ikservo calibrate"
+            raise CalibrationError("An interrupted search of end stops cannot be completed.", hint)
         write(bus, journal)
         remove_durably(journal_path)
     return journal is not None

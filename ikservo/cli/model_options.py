@@ -78,10 +78,8 @@ class PostureOptions:
         for joint, text in _parse_pairs(chain, self.weight, "--weight", "elbow_flex=2"):
             if weights[joint] == 0.0:
                 name = chain.names[joint]
-                raise InputError(
-                    f"--weight {name}={text}: there is no preferred position for {name}.",
-                    f"Give --prefer {name}=POSITION, or a pose, as well.",
-                )
+                why = f"--weight {name}={text}: there is no preferred position for {name}."
+                raise InputError(why, f"Give --prefer {name}=POSITION, or a pose, as well.")
             try:
                 weights[joint] = float(text)
             except ValueError:

@@ -53,10 +53,8 @@ def check_plot_file(file: Path) -> None:
     if not file.absolute().parent.is_dir():
         raise InputError(f"There is no folder {file.parent}.", "Create it, or choose another file.")
     if find_spec("matplotlib") is None:
-        raise IkservoError(
-            "Plots need matplotlib, which is not installed.",
-            f"Install it: {install_command('plot')}",
-        )
+        hint = f"Install it: {install_command('plot')}"
+        raise IkservoError("Plots need matplotlib, which is not installed.", hint)
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:

@@ -88,10 +88,8 @@ def all_solutions(model: Model, target: Target, start: Vector) -> AnalyticSoluti
     chain = model.chain
     arm = recognise_structure(chain, target.frame)
     if arm is None:
-        raise InputError(
-            f"{model.title} has no closed-form solution, because of its arrangement of joints.",
-            "Omit --all for one numerical solution.",
-        )
+        text = f"{model.title} has no closed-form solution, because of its arrangement of joints."
+        raise InputError(text, "Omit --all for one numerical solution.")
     found = solutions(chain, target, start)
     free = direction_intervals(chain, target, start) if target.only_position else ()
     results = (

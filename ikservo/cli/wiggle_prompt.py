@@ -84,10 +84,8 @@ def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bo
 def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[DirectionCheck]:
     operator = Operator.of(None, yes=yes)
     if not (operator.interactive or yes):
-        raise InputError(
-            "Cannot ask whether the joints move correctly: input is not a terminal.",
-            "To go on without being asked, add --yes.",
-        )
+        text = "Cannot ask whether the joints move correctly: input is not a terminal."
+        raise InputError(text, "To go on without being asked, add --yes.")
     names = [machine.model.joint(name).name for name in joints]
     return operator.run(
         check_each_joint(machine, names or [each.name for each in machine.model.joints])

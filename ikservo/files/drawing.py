@@ -144,11 +144,8 @@ def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
         named = units.pop()
         lines[first] = ""
     if named and unit and named != unit:
-        raise BadValueError(
-            "The unit",
-            f"{unit}, and {named} in the header of {path}",
-            "the same unit in both places",
-        )
+        found = f"{unit}, and {named} in the header of {path}"
+        raise BadValueError("The unit", found, "the same unit in both places")
     factor = _UNITS_M[unit or named or "m"]
     stroke: list[list[float]] = []
     columns = count = 0

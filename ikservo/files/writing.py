@@ -40,11 +40,8 @@ class FileWriteError(IkservoError, OSError):
     def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:
         self.path, self.why, self.changed, self.kept = path, why, changed, kept
         state = "It was written, but may be lost in a power cut" if changed else kept or _UNCHANGED
-        IkservoError.__init__(
-            self,
-            f"{path} cannot be written: {why}.",
-            f"{state}. Free disk space or correct the permissions, then try again.",
-        )
+        hint = f"{state}. Free disk space or correct the permissions, then try again."
+        IkservoError.__init__(self, f"{path} cannot be written: {why}.", hint)
 
 
 def write_atomic(

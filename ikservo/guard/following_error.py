@@ -53,10 +53,8 @@ class TrackingMonitor:
         self._behind = np.where(behind, self._behind + 1, 0)
         if self.lagging.any():
             names = [self._names[i] for i in np.flatnonzero(self.lagging)]
-            raise RefusedError(
-                f"{_not_following(names)}; motion stopped.",
-                "Check for obstacles, then the cable and the alarms of the joint: ikservo where",
-            )
+            hint = "Check for obstacles, then the cable and the alarms of the joint: ikservo where"
+            raise RefusedError(f"{_not_following(names)}; motion stopped.", hint)
 
 
 def overweight_error(joints: Sequence[str]) -> RefusedError:

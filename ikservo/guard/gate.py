@@ -83,10 +83,8 @@ class Gate:
         self._require_row(speeds)
         for joint, speed in zip(self._joints, speeds, strict=True):
             if not speed > 0.0:
-                raise RefusedError(
-                    f"The speed of {joint.driven.joint} must be above zero, not {speed} rad/s.",
-                    "Nothing was sent.",
-                )
+                text = f"The speed of {joint.driven.joint} must be above zero, not {speed} rad/s."
+                raise RefusedError(text, "Nothing was sent.")
         for joint, speed in zip(self._joints, speeds, strict=True):
             joint.set_speed(speed)
 
@@ -235,10 +233,8 @@ class Gate:
 
     def _require_row(self, row: Sequence[float | None]) -> None:
         if len(row) != len(self._joints):
-            raise RefusedError(
-                f"{len(row)} values do not match the {len(self._joints)} joints of this arm.",
-                "Nothing was sent.",
-            )
+            text = f"{len(row)} values do not match the {len(self._joints)} joints of this arm."
+            raise RefusedError(text, "Nothing was sent.")
 
     def _commanded(self, ticks: TickRow) -> list[tuple[JointGate, int]]:
         """Return the joints in a command, each with its tick."""

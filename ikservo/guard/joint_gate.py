@@ -80,10 +80,8 @@ class JointGate:
             RefusedError: No goal is in force.
         """
         if self.goal is None:
-            raise RefusedError(
-                f"The position of {self._name} has not been measured.",
-                "Switch its torque on first.",
-            )
+            hint = "Switch its torque on first."
+            raise RefusedError(f"The position of {self._name} has not been measured.", hint)
         return self.goal
 
     def consume_step(self, tick: int, elapsed_s: float) -> None:
@@ -198,8 +196,6 @@ class JointGate:
 
     def _recent_tick(self, now_s: float) -> int:
         if self.measured is None or self.is_stale(now_s):
-            raise RefusedError(
-                f"No position reading from {self._name} for {_STALE_S} s; motion stopped.",
-                "Check the cable and the computer's load.",
-            )
+            text = f"No position reading from {self._name} for {_STALE_S} s; motion stopped."
+            raise RefusedError(text, "Check the cable and the computer's load.")
         return self.measured

@@ -59,12 +59,8 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
     duplicates = find_duplicate_ids(bus)
     if duplicates:
         names = ", ".join(map(str, duplicates))
-        raise BadReplyError(
-            "answers as if it were several servos",
-            DUPLICATE_ID_HINT,
-            servo=names,
-            port=bus.port.name,
-        )
+        found = "answers as if it were several servos"
+        raise BadReplyError(found, DUPLICATE_ID_HINT, servo=names, port=bus.port.name)
 
 
 def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:

@@ -126,11 +126,9 @@ def refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> Non
         BusError: The servo does not reply.
     """
     if bus.read(servo_id, RegisterName.TORQUE_ENABLE, raw=True):
+        reason = "it is in EEPROM and torque is on"
         raise RegisterAccessError(
-            str(bus.servos[servo_id]),
-            register.name,
-            "it is in EEPROM and torque is on",
-            "Switch torque off.",
+            str(bus.servos[servo_id]), register.name, reason, "Switch torque off."
         )
 
 

@@ -211,10 +211,8 @@ class SdkPort:
         if not self.is_open:
             return PortError(f"{self.name} was closed.", "Open it again.")
         if isinstance(self.transport, _ForeignTransport):
-            return PortError(
-                f"{self.name} was opened by the parent process before the fork.",
-                "Open the port in the process that uses it, after the fork.",
-            )
+            text = f"{self.name} was opened by the parent process before the fork."
+            return PortError(text, "Open the port in the process that uses it, after the fork.")
         # Systems and pyserial report an unplugged device differently.
         unplugged = next(iter(error.args), None) in _UNPLUGGED or "no data" in str(error)
         return PortLostError(self.name, "device unplugged" if unplugged else str(error))
@@ -411,7 +409,5 @@ def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_
             "All servos on one adapter need the same rate; ikservo setup sets it.",
         )
     if any(other.arm == own.arm for other in others):
-        raise PortError(
-            f"An arm named {own.arm} is open on {port.name} with other servos.",
-            "Give each arm on an adapter its own name in arm.toml.",
-        )
+        hint = "Give each arm on an adapter its own name in arm.toml."
+        raise PortError(f"An arm named {own.arm} is open on {port.name} with other servos.", hint)

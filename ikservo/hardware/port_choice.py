@@ -68,8 +68,6 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
     if arm_file is None:
         raise InputError("No arm given for the simulator.", "Give --arm, as in --arm so101.")
     if place and not place.startswith("/"):
-        raise InputError(
-            f"{name!r} is not a port.",
-            "Use --port sim or --port sim:?seed=3, and name the arm with --arm.",
-        )
+        hint = "Use --port sim or --port sim:?seed=3, and name the arm with --arm."
+        raise InputError(f"{name!r} is not a port.", hint)
     return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"

@@ -158,11 +158,8 @@ class RegisterAccess:
             raise RegisterAccessError(str(servo), register.name, "the EEPROM would store the value")
         data = encode_value(servo, register, raw, raw=True)
         driver = self._requester.driver_of(servo)
-        self._requester.request(
-            servo,
-            f"write {register} = {raw}",
-            lambda: driver.write(servo_id, register.address, data),
-        )
+        what = f"write {register} = {raw}"
+        self._requester.request(servo, what, lambda: driver.write(servo_id, register.address, data))
 
     def reg_write(
         self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False
@@ -177,11 +174,9 @@ class RegisterAccess:
         register, driver = resolve_register(servo, ref), self._requester.driver_of(servo)
         data = self._check_write(servo, register, value, raw=raw)
         self._check_goal(servo, register, data)
+        what = f"register a write of {register}"
         self._requester.request(
-            servo,
-            f"register a write of {register}",
-            lambda: driver.reg_write(servo_id, register.address, data),
-            repeat=False,
+            servo, what, lambda: driver.reg_write(servo_id, register.address, data), repeat=False
         )
         if is_goal(servo, register):
             self._prepared_goals.add(servo_id)

@@ -113,10 +113,8 @@ def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> t
 
 
 def _mode_error(servo: ServoSpec, reason: str) -> RefusedError:
-    return RefusedError(
-        f"{servo} cannot hold a position: {reason}.",
-        "Torque stays off. Calibrate the arm: ikservo calibrate",
-    )
+    hint = "Torque stays off. Calibrate the arm: ikservo calibrate"
+    return RefusedError(f"{servo} cannot hold a position: {reason}.", hint)
 
 
 def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:

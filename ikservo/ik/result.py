@@ -169,12 +169,9 @@ class Result:
         if self.question is None:
             return None
         target = self.question.target
+        chain = self.question.chain
         return nearest_singularity(
-            self.question.chain,
-            self.q,
-            target.frame,
-            target.offset_m,
-            rotation=not target.only_position,
+            chain, self.q, target.frame, target.offset_m, rotation=not target.only_position
         )
 
 

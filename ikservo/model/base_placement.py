@@ -72,11 +72,9 @@ def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
         origin = T @ make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad))
         return replace(joint, xyz_m=pose_origin(origin), rpy_rad=pose_rpy(origin))
 
-    return replace(
-        urdf,
-        links=tuple(place_link(link) for link in urdf.links),
-        joints=tuple(place_joint(joint) for joint in urdf.joints),
-    )
+    links = tuple(place_link(link) for link in urdf.links)
+    joints = tuple(place_joint(joint) for joint in urdf.joints)
+    return replace(urdf, links=links, joints=joints)
 
 
 def moved_shape(shape: Shape, T: Matrix) -> Shape:

@@ -117,10 +117,8 @@ def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
         InputError: The shape is a mesh; the link is named.
     """
     if isinstance(shape, Mesh | Surface):
-        raise InputError(
-            f"Contact cannot be checked, because link {link} has a mesh.",
-            f"Convert the description: {import_command(Path('FILE'))}",
-        )
+        hint = f"Convert the description: {import_command(Path('FILE'))}"
+        raise InputError(f"Contact cannot be checked, because link {link} has a mesh.", hint)
     if isinstance(shape, Sphere):
         centre = np.array(shape.xyz_m)
         return [Capsule(link, centre, centre, shape.radius_m)]

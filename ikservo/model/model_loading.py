@@ -137,10 +137,8 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
     urdf = read_description(path)
     if tip is None:
         links = ", ".join(link.name for link in urdf.links)
-        raise InputError(
-            f"{path} does not say which link is the tool.",
-            f"Choose the tool link with tip (--tip): one of {links}.",
-        )
+        hint = f"Choose the tool link with tip (--tip): one of {links}."
+        raise InputError(f"{path} does not say which link is the tool.", hint)
     name = urdf.name or path.stem
     return Model.from_geometry(name, name, build_chain(urdf, tip), urdf, path)
 

@@ -353,10 +353,8 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     root = parse_xml(path, read_urdf_text(path))
     macros = [child for child in root.children if _XACRO in child.tag]
     if macros:
-        raise macros[0].error(
-            "the macros are not expanded",
-            f"a plain URDF; convert it once: {import_command(root.path)}",
-        )
+        expected = f"a plain URDF; convert it once: {import_command(root.path)}"
+        raise macros[0].error("the macros are not expanded", expected)
     home = path.parent if folder is None else folder
     return urdf_from_xml(root, lambda name: resolve_mesh_path(name, path, home))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -56,7 +57,7 @@ class UrdfJoint:
         effort: Largest torque or force, N m or N; +inf if the file gives none.
         velocity: Largest speed, rad/s or m/s; +inf if the file gives none.
         mimic: The joint that it follows; None if it follows no joint.
-        line: The line at which the element starts in the file, from 1.
+        line: The line at which the element starts in the file, from 1; 0 without a file.
     """
 
     name: str
@@ -65,13 +66,13 @@ class UrdfJoint:
     child: str
     xyz_m: Triple
     rpy_rad: Triple
-    axis: Triple
-    lower: float
-    upper: float
-    effort: float
-    velocity: float
-    mimic: UrdfMimic | None
-    line: int
+    axis: Triple = (1.0, 0.0, 0.0)
+    lower: float = 0.0
+    upper: float = 0.0
+    effort: float = math.inf
+    velocity: float = math.inf
+    mimic: UrdfMimic | None = None
+    line: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,19 +146,19 @@ class UrdfLink:
         inertia_kg_m2: ixx, ixy, ixz, iyy, iyz, izz about the centre of mass.
         collisions: Shapes that must not touch anything.
         visuals: Shapes to draw.
-        line: The line at which the element starts in the file, from 1.
+        line: The line at which the element starts in the file, from 1; 0 without a file.
         colours: Red, green and blue of each visual shape, 0 to 1, or None if the file gives none;
             empty if it has no colours.
     """
 
     name: str
-    mass_kg: float
-    com_m: Triple
-    inertia_rpy_rad: Triple
-    inertia_kg_m2: tuple[float, float, float, float, float, float]
-    collisions: tuple[Shape, ...]
-    visuals: tuple[Shape, ...]
-    line: int
+    mass_kg: float = 0.0
+    com_m: Triple = (0.0, 0.0, 0.0)
+    inertia_rpy_rad: Triple = (0.0, 0.0, 0.0)
+    inertia_kg_m2: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    collisions: tuple[Shape, ...] = ()
+    visuals: tuple[Shape, ...] = ()
+    line: int = 0
     colours: tuple[Triple | None, ...] = ()
 
 

@@ -120,18 +120,12 @@ def arc_about_axis(
     if not length > 0.0:
         raise BadValueError("The normal of the circle", "zero", "a direction such as (0, 0, 1)")
     if not 0.0 < abs(angle_rad) <= _MAX_ANGLE_RAD:
-        raise BadValueError(
-            "The angle of the arc",
-            f"{math.degrees(angle_rad):g}°",
-            "an angle of up to ten turns that is not 0",
-        )
+        expected = "an angle of up to ten turns that is not 0"
+        raise BadValueError("The angle of the arc", f"{math.degrees(angle_rad):g}°", expected)
     axis = axis / length
     center = center + axis * float(axis @ (start_m - center))
     radius_m = float(np.linalg.norm(start_m - center))
     if radius_m < _MIN_RADIUS_M:
-        raise BadValueError(
-            "The radius of the circle",
-            f"{1000.0 * radius_m:.2f} mm, because the tip is on its axis",
-            "a centre away from the tip",
-        )
+        found = f"{1000.0 * radius_m:.2f} mm, because the tip is on its axis"
+        raise BadValueError("The radius of the circle", found, "a centre away from the tip")
     return ArcPath(center, start_m, axis, angle_rad)

@@ -134,13 +134,8 @@ def _fit_spline(
             return spline
         worst_m = float(deviations_m.argmax()) / (len(deviations_m) - 1) * path.length
     at_m = path.at(worst_m)[0].tolist()
-    raise CartesianPathError(
-        worst_m,
-        at_m,
-        at_m,
-        ["the joints would have to turn too sharply (singularity)"],
-        shape=path.shape,
-    )
+    why = ["the joints would have to turn too sharply (singularity)"]
+    raise CartesianPathError(worst_m, at_m, at_m, why, shape=path.shape)
 
 
 def _point_counts(path: ToolPath, orientation: OrientationInterpolation | None) -> list[int]:

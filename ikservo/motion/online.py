@@ -68,10 +68,8 @@ class OnlineTrajectory:
         self._lower = np.minimum(self._bounds[0], rest.start.position) - _ROUNDING
         self._upper = np.maximum(self._bounds[1], rest.start.position) + _ROUNDING
         if not self._ends_inside_limits(rest):
-            raise RefusedError(
-                "The joints move too fast to stop inside their limits.",
-                "Nothing was sent. Wait until the arm is at rest.",
-            )
+            hint = "Nothing was sent. Wait until the arm is at rest."
+            raise RefusedError("The joints move too fast to stop inside their limits.", hint)
         self._pieces: _Pieces = ((0.0, rest),)
         self._aimed_s, self.duration_s = 0.0, math.inf
 

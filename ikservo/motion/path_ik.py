@@ -57,12 +57,10 @@ def track_path(
         q = _solve_point(solver, path, orientation, fraction, before)
         why = _find_obstruction(chain, solver.result, np.abs(q - before), max_step_rad)
         if why:
+            target_m = path.at(fraction * path.length)[0].tolist()
+            nearest_m = chain.forward(before)[:3, 3].tolist()
             raise CartesianPathError(
-                fraction * path.length,
-                path.at(fraction * path.length)[0].tolist(),
-                chain.forward(before)[:3, 3].tolist(),
-                why,
-                shape=path.shape,
+                fraction * path.length, target_m, nearest_m, why, shape=path.shape
             )
         joints.append(q)
     return np.array(joints)

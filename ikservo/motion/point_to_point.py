@@ -225,7 +225,5 @@ def _calculate_trajectory(parameters: InputParameter, n: int) -> Trajectory:
 
 def _ruckig_error(why: str) -> RefusedError:
     reason = " ".join(why.replace("[ruckig]", "").split())[:_MAX_REASON_CHARS]
-    return RefusedError(
-        f"No motion to the goal was found ({reason}).",
-        "Nothing was sent. Wait until the arm is at rest, then choose a nearer target.",
-    )
+    hint = "Nothing was sent. Wait until the arm is at rest, then choose a nearer target."
+    return RefusedError(f"No motion to the goal was found ({reason}).", hint)

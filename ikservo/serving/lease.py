@@ -98,10 +98,8 @@ class ArmLease:
                     "The program that controls the arm is ending.", "Nothing was sent."
                 )
             if self.holder is not None and not take_over:
-                raise RefusedError(
-                    f"{self.holder.operator} controls the arm.",
-                    "Nothing was sent. The arm is free once that program has closed it.",
-                )
+                hint = "Nothing was sent. The arm is free once that program has closed it."
+                raise RefusedError(f"{self.holder.operator} controls the arm.", hint)
             now_s = self._clock.now_s()
             self.holder = Holder(secrets.token_hex(16), operator, now_s)
             self._received_s = now_s
@@ -157,10 +155,8 @@ class ArmLease:
                 raise RefusedError("The network repeated a request.", "The arm ignored it.")
             if not self._is_fresh(sent_s):
                 late_s = self._clock.now_s() - sent_s
-                raise RefusedError(
-                    f"A request arrived {late_s:.1f} s after it was sent.",
-                    "The arm ignored it. The network is slow; try again.",
-                )
+                hint = "The arm ignored it. The network is slow; try again."
+                raise RefusedError(f"A request arrived {late_s:.1f} s after it was sent.", hint)
             self._request_number, self._received_s = number, self._clock.now_s()
 
     def _is_fresh(self, sent_s: float) -> bool:

@@ -99,10 +99,8 @@ def result_in(reply: Mapping[str, Any]) -> object:
 
 def other_version_error() -> IkservoError:
     """Return the error for a reply with unexpected fields."""
-    return IkservoError(
-        "The program that has the arm open sent an unexpected reply.",
-        f"It may be another version of ikservo. {SAME_VERSION}",
-    )
+    hint = f"It may be another version of ikservo. {SAME_VERSION}"
+    return IkservoError("The program that has the arm open sent an unexpected reply.", hint)
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:

@@ -209,10 +209,8 @@ class AgentArm:
         offered = self.plans.find(plan_id)
         self.journal.write("asked", plan=plan_id, client=quoted(client))
         if self.allowance.consent is Consent.NOTHING:
-            raise RefusedError(
-                "The owner of the arm does not allow any motion.",
-                "The owner can restart the server with --allow ask.",
-            )
+            hint = "The owner can restart the server with --allow ask."
+            raise RefusedError("The owner of the arm does not allow any motion.", hint)
         if offered.answer is Answer.YES:
             return offered
         if self.allowance.consent is Consent.SIMULATOR:

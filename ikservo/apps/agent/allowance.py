@@ -55,10 +55,8 @@ class Allowance:
             InputError: A real arm was opened with ``simulator``, or ``slow`` has no region.
         """
         if self.consent is Consent.SIMULATOR and zeros is not ZeroSource.SIMULATED:
-            raise InputError(
-                "--allow simulator was given for a real arm.",
-                "Use --allow ask, or --allow slow with --keep-in.",
-            )
+            hint = "Use --allow ask, or --allow slow with --keep-in."
+            raise InputError("--allow simulator was given for a real arm.", hint)
         has_region = self.within.low_m is not None or self.within.above_m is not None
         if self.consent is Consent.SLOW and not has_region:
             raise InputError(
@@ -86,10 +84,8 @@ class Allowance:
         if self.within.constrains and not isinstance(motion, MoveGripper | Wait):
             own = getattr(motion, "within", None)
             if own is None:
-                raise RefusedError(
-                    f"A motion of kind {motion.kind} cannot be kept within the owner's region.",
-                    "Use move_to, move_line, move_joints or move_pose.",
-                )
+                text = f"A motion of kind {motion.kind} cannot be kept within the owner's region."
+                raise RefusedError(text, "Use move_to, move_line, move_joints or move_pose.")
             if own.constrains:
                 raise RefusedError(
                     "The owner has already constrained the tool.", "Leave out `within`."

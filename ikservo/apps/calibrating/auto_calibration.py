@@ -256,10 +256,8 @@ def check_auto_allowed(model: Model) -> None:
         CalibrationError: The arm file forbids it; the message gives the reason.
     """
     if model.auto_unsafe:
-        raise CalibrationError(
-            f"{model.title} cannot search for its end stops by itself: {model.auto_unsafe}",
-            f"Calibrate it by hand: ikservo calibrate {model.name}",
-        )
+        text = f"{model.title} cannot search for its end stops by itself: {model.auto_unsafe}"
+        raise CalibrationError(text, f"Calibrate it by hand: ikservo calibrate {model.name}")
 
 
 class AutoCalibration:

@@ -359,12 +359,9 @@ def _build_outcome(
     base: Calibration | None,
 ) -> CalibrationResult:
     """Build the calibration, with the limits in the servos if the options request it."""
+    now = datetime.now(UTC)
     found = limp_arm.build_calibration(
-        state,
-        options.pose,
-        datetime.now(UTC),
-        write_limits=bool(options.write_limits),
-        user=options.user,
+        state, options.pose, now, write_limits=bool(options.write_limits), user=options.user
     )
     return merge_outcome(base, found) if base else found
 

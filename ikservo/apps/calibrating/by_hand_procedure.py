@@ -70,10 +70,8 @@ def _range_issues(
             f"{name} was moved too fast to count its turns.", f"Measure {name} again, more slowly."
         )
     if track.width < MIN_RANGE_TICKS + margins:
-        yield CalibrationError(
-            f"{name} was moved by only {track.width} ticks.",
-            "Move it gently to both ends, or skip it.",
-        )
+        hint = "Move it gently to both ends, or skip it."
+        yield CalibrationError(f"{name} was moved by only {track.width} ticks.", hint)
     expects_turn = subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
     if is_full_turn(state, subject) and not expects_turn:
         yield CalibrationError(

@@ -143,10 +143,8 @@ def command(
         by_camera(connection, camera, answers.operator(read_script), json=json)
         return
     if camera != CameraOptions():
-        raise InputError(
-            "--by-hand and the options for boards and pictures need --camera.",
-            "Add --camera SOURCE, or leave them out to set the limits by hand.",
-        )
+        hint = "Add --camera SOURCE, or leave them out to set the limits by hand."
+        raise InputError("--by-hand and the options for boards and pictures need --camera.", hint)
     if wiggle:
         options = MotionOptions(collision=False, uncalibrated=uncalibrated)
         with open_from_options(connection, options) as machine:

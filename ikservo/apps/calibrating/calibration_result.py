@@ -162,11 +162,9 @@ def build_calibration(
                 configs[servo_id], offset, registers, extended=homing.extended
             )
         joints.append(_calibrated_joint(state, subject, found, own, configs, memory))
+    margin_deg = math.degrees(state.margin_rad)
     calibration = Calibration(
-        format=1,
-        **asdict(metadata),
-        margin_deg=math.degrees(state.margin_rad),
-        joints=tuple(joints),
+        format=1, **asdict(metadata), margin_deg=margin_deg, joints=tuple(joints)
     )
     return CalibrationResult(calibration, memory)
 

@@ -253,10 +253,8 @@ def load_own_calibration(loose: TorqueOffArm) -> Calibration:
         adopt = (
             f" Or adopt the calibration made with another adapter: ikservo calibration adopt {name}"
         )
-        raise CalibrationError(
-            f"{name} is not calibrated: there is no {loose.path}.",
-            f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
-        )
+        hint = f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}"
+        raise CalibrationError(f"{name} is not calibrated: there is no {loose.path}.", hint)
     return calibration
 
 
@@ -384,10 +382,8 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
         names = ", ".join(str(candidate) for candidate, _ in fitting)
         raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
     reasons = " ".join(f"{p}: {reason}" for p, reason in mismatches.items())
-    raise CalibrationError(
-        f"No calibration made with another adapter fits this arm. {reasons}".rstrip(),
-        f"Calibrate it: ikservo calibrate {loose.model.name}",
-    )
+    text = f"No calibration made with another adapter fits this arm. {reasons}".rstrip()
+    raise CalibrationError(text, f"Calibrate it: ikservo calibrate {loose.model.name}")
 
 
 def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -> None:
@@ -398,10 +394,8 @@ def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -
     """
     reason = next(find_mismatches(loose, calibration), "")
     if reason:
-        raise CalibrationError(
-            f"The calibration in {path} does not fit this arm. {reason}",
-            f"Calibrate it: ikservo calibrate {loose.model.name}",
-        )
+        hint = f"Calibrate it: ikservo calibrate {loose.model.name}"
+        raise CalibrationError(f"The calibration in {path} does not fit this arm. {reason}", hint)
 
 
 def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:

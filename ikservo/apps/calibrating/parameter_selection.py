@@ -89,10 +89,8 @@ def select_and_fit(
         CalibrationError: Too few touches, or a third of them contradict the others.
     """
     if len(touches) < MIN_TOUCHES:
-        raise CalibrationError(
-            f"Too few touches: {len(touches)}; at least {MIN_TOUCHES} are needed.",
-            "Touch about 15 points, in different postures.",
-        )
+        text = f"Too few touches: {len(touches)}; at least {MIN_TOUCHES} are needed."
+        raise CalibrationError(text, "Touch about 15 points, in different postures.")
     extents = list(ParameterSet)  # the smallest set first
     if all(touch.position_m is None for touch in touches):  # the base needs measured points
         extents = [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]

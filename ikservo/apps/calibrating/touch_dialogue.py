@@ -100,10 +100,8 @@ def _touch_request(
         ends = last == "finish" or done >= MIN_TOUCHES
         accept = Choice(ACCEPT, last if ends else "", "a")
         choices = (Choice("touch", "touch", "Enter", wait_s), skip, undo, accept)
-    missing = CalibrationError(
-        f"Timeout: the tip was not put on {target.name if target else 'the point'} within 60 s.",
-        "Guide the tip there and keep it still.",
-    )
+    late = f"Timeout: the tip was not put on {target.name if target else 'the point'} within 60 s."
+    missing = CalibrationError(late, "Guide the tip there and keep it still.")
     return HandRequest("touch", step, text, at_s, choices, (done,), missing, error=refused)
 
 

@@ -148,11 +148,8 @@ class TouchOffState:
         if not self.is_at_rest:
             raise CalibrationError("The arm is still moving.", "Hold it still for half a second.")
         ticks = self.stillness.mean_ticks()
-        touch = TouchPoint(
-            np.array([joint.position(ticks[joint.servo_id]) for joint in self.maps]),
-            self.current_target.name,
-            self.current_target.position_m,
-        )
+        q = np.array([joint.position(ticks[joint.servo_id]) for joint in self.maps])
+        touch = TouchPoint(q, self.current_target.name, self.current_target.position_m)
         return replace(
             self, touches=(*self.touches, touch), places=self.places[1:], ticks=ticks, before=self
         )

@@ -245,11 +245,8 @@ def known_camera(
 def camera_model(camera: CalibratedCamera) -> CameraModel:
     """Return the lens and the pose that are stored for a camera."""
     fx, fy, cx, cy = camera.lens_px
-    lens = Intrinsics(
-        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
-        np.array(camera.distortion),
-        camera.size_px,
-    )
+    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    lens = Intrinsics(matrix, np.array(camera.distortion), camera.size_px)
     R = exp_so3(np.radians(camera.turned_deg))
     return CameraModel(lens, make_pose(np.array(camera.at_mm) / 1000.0, R))
 
@@ -269,20 +266,16 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     hits += [(ray.distance_to_thing_m(thing.row), thing.name) for thing in things]
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
-        raise InputError(
-            "The pixel's line of sight does not meet the table.",
-            "Choose a pixel that shows the table.",
-        )
+        hint = "Choose a pixel that shows the table."
+        raise InputError("The pixel's line of sight does not meet the table.", hint)
     return SeenPoint(ray.at(distance_m), name)
 
 
 def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:
     """Return the error for pictures whose size differs from that in the calibration."""
     seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
-    return CalibrationError(
-        f"The pictures have {seen} pixels; the camera was calibrated with {known}.",
-        "Use the camera that was calibrated.",
-    )
+    text = f"The pictures have {seen} pixels; the camera was calibrated with {known}."
+    return CalibrationError(text, "Use the camera that was calibrated.")
 
 
 def moved_error(moved_mm: float, turned_deg: float) -> CalibrationError:

@@ -32,10 +32,8 @@ def require_opencv() -> None:
         InputError: OpenCV is not installed.
     """
     if importlib.util.find_spec("cv2") is None:
-        raise InputError(
-            "Cameras need OpenCV, which is not installed.",
-            f"Install it: {install_command('camera')}",
-        )
+        hint = f"Install it: {install_command('camera')}"
+        raise InputError("Cameras need OpenCV, which is not installed.", hint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +93,9 @@ class Board:
         import cv2  # noqa: PLC0415  # from the extra `camera`
 
         family = getattr(cv2.aruco, f"DICT_{self.family.upper()}_{_FAMILY_SIZE}")
+        markers = cv2.aruco.getPredefinedDictionary(family)
         return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows),
-            self.square_m,
-            _MARKER_SHARE * self.square_m,
-            cv2.aruco.getPredefinedDictionary(family),
+            (self.columns, self.rows), self.square_m, _MARKER_SHARE * self.square_m, markers
         )
 
     def svg(self) -> str:

@@ -70,10 +70,8 @@ class LiveCamera:
         if not self._capture.isOpened():
             if self._file:
                 raise InputError(f"{self._file} is not {_READABLE}.")
-            raise InputError(
-                f"There is no camera {self._name}.",
-                "Is it plugged in, and not used by another program?",
-            )
+            hint = "Is it plugged in, and not used by another program?"
+            raise InputError(f"There is no camera {self._name}.", hint)
 
     def take(self) -> Picture:
         """Take a picture; discard pictures that waited in the driver's queue.
@@ -170,10 +168,8 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if is_mirrored(board, grey):
         raise PictureError("The picture is mirrored.", "Switch mirroring off in the camera.")
     if markers and not len(ids):
-        raise PictureError(
-            f"The picture shows too little of the board, or a board other than {board.name}.",
-            "Give the name of the board that you printed.",
-        )
+        text = f"The picture shows too little of the board, or a board other than {board.name}."
+        raise PictureError(text, "Give the name of the board that you printed.")
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
@@ -215,10 +211,8 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
     except cv2.error:
         rms, matrix = np.inf, start
     if not rms < _MAX_FIRST_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
-        raise CalibrationError(
-            "The pictures do not determine the lens of the camera.",
-            "Show the board near and far, tilted, and all over the picture.",
-        )
+        hint = "Show the board near and far, tilted, and all over the picture."
+        raise CalibrationError("The pictures do not determine the lens of the camera.", hint)
     return Intrinsics(np.asarray(matrix), np.zeros(5), size)
 
 

@@ -92,10 +92,8 @@ class HandCalibration(PictureCalibration):
         """Measure the chain's joints (dof,)."""
         state = self._arm.where()
         if state.torque.any():
-            raise CalibrationError(
-                "The arm is no longer limp: the torque of a servo is on.",
-                "Close other programs that use the arm.",
-            )
+            hint = "Close other programs that use the arm."
+            raise CalibrationError("The arm is no longer limp: the torque of a servo is on.", hint)
         return measured_joints(self._arm.chain, state)
 
     def _look(self) -> tuple[Picture, BoardView | None]:

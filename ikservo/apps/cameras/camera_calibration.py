@@ -126,10 +126,8 @@ class ArmBefore:
             return cls(arm.model, None)
         calibration = load_calibration(name, arm.context.serial_number)
         if calibration is None:
-            raise CalibrationError(
-                f"{name} has no calibration to correct.",
-                f"Calibrate it first: ikservo calibrate {name}",
-            )
+            hint = f"Calibrate it first: ikservo calibrate {name}"
+            raise CalibrationError(f"{name} has no calibration to correct.", hint)
         return cls(arm.model, calibration)
 
     def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
@@ -314,10 +312,8 @@ class CameraCalibration(PictureCalibration):
         while len(self._pictures) < self._count and self._visit_best(home):
             pass
         if len(self._pictures) < LEAST_SHARE * self._count:
-            raise PictureError(
-                f"The board was seen in only {len(self._pictures)} postures.",
-                "Put the camera further away, or the board nearer to the middle of its picture.",
-            )
+            hint = "Put the camera further away, or the board nearer to the middle of its picture."
+            raise PictureError(f"The board was seen in only {len(self._pictures)} postures.", hint)
         with suppress(RefusedError):
             self._move(home)
         self._report(ESTIMATING)
@@ -377,10 +373,8 @@ class CameraCalibration(PictureCalibration):
             if abs(float(picture.mean()) - float(before.mean())) < _STEADY_GREY:
                 break
         else:
-            raise PictureError(
-                "The brightness of the picture keeps changing.",
-                "Switch the camera's automatic exposure off.",
-            )
+            hint = "Switch the camera's automatic exposure off."
+            raise PictureError("The brightness of the picture keeps changing.", hint)
         self._require_new(picture)
         return picture
 

@@ -80,10 +80,8 @@ def find_jaws(model: Model) -> Jaws:
     if gripper.widths:
         half_m = np.array([gripper.width_m(each) or 0.0 for each in positions]) / 2.0
         return Jaws(axis, positions, -half_m, half_m, beyond_m)
-    unknown = IkservoError(
-        f"The width of the gripper of {model.name} is not known.",
-        "Give the widths in its arm file ([gripper]).",
-    )
+    hint = "Give the widths in its arm file ([gripper])."
+    unknown = IkservoError(f"The width of the gripper of {model.name} is not known.", hint)
     if not is_seen:
         raise unknown
     at_m = _LINE_M[:, None, None] * axis + _DEPTHS_M[:, None] * tool.approach_axis

@@ -142,10 +142,8 @@ class Pick(OwnMotion[GraspResult]):
         if not sides:
             wide = " by ".join(dict.fromkeys(f"{1000.0 * each:.0f}" for each, _ in across))
             held = " to ".join(f"{1000.0 * each:.0f}" for each in held_m)
-            raise RefusedError(
-                f"The thing is {wide} mm wide, but the jaws hold only {held} mm.",
-                "Nothing moved. Choose another object.",
-            )
+            text = f"The thing is {wide} mm wide, but the jaws hold only {held} mm."
+            raise RefusedError(text, "Nothing moved. Choose another object.")
         if len(sides) == 2:  # Jaws that cannot be turned to a thing turn the thing.
             sides.append((math.hypot(length_m, width_m), None))
 
@@ -187,10 +185,8 @@ class Pick(OwnMotion[GraspResult]):
                 return report
             grip.T_thing_tip = None
         at = format_point(self.middle_m)
-        raise RefusedError(
-            f"The gripper found nothing at {at}, or dropped it.",
-            "Check where it is, then try again.",
-        )
+        hint = "Check where it is, then try again."
+        raise RefusedError(f"The gripper found nothing at {at}, or dropped it.", hint)
 
     def __str__(self) -> str:
         return f"pick up at {format_point(self.middle_m)}"

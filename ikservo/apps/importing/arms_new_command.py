@@ -151,10 +151,8 @@ def command(  # one parameter per option
     of_descriptions |= {"--xacro-arg": xacro_arg, "--allow-xacro": allow_xacro}
     ignored = [option for option, value in of_descriptions.items() if value and joint]
     if ignored:
-        raise InputError(
-            f"{', '.join(ignored)} cannot be given with --joint.",
-            "Use: ikservo arms new NAME --from FILE",
-        )
+        hint = "Use: ikservo arms new NAME --from FILE"
+        raise InputError(f"{', '.join(ignored)} cannot be given with --joint.", hint)
     options = ImportOptions(
         base=base,
         tips=tuple(tip or ()),

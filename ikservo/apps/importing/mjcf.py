@@ -86,10 +86,8 @@ def arm_xml(path: Path, folder: Path) -> str:
             size = mesh.stat().st_size
             mesh_bytes += size
             if size > _MAX_MESH_BYTES or mesh_bytes > _MAX_MESHES_BYTES:
-                raise element.error(
-                    f"mesh {quote(name)} is too large",
-                    f"at most {_MAX_MESH_BYTES >> 20} MiB, {_MAX_MESHES_BYTES >> 20} MiB in all",
-                )
+                most = f"at most {_MAX_MESH_BYTES >> 20} MiB, {_MAX_MESHES_BYTES >> 20} MiB in all"
+                raise element.error(f"mesh {quote(name)} is too large", most)
             element.attributes = {**element.attributes, "file": mesh.as_posix()}
     for element in elements:
         dropped = _DROPPED_ELEMENTS.get(element.tag, ())
@@ -108,12 +106,8 @@ def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple
     seen.add(path.resolve())
     text = read_text(path, _MAX_BYTES)
     if _BROKEN_NAME.search(text):  # MuJoCo keeps these characters; XML readers make them blanks
-        raise FileFormatError(
-            path,
-            "",
-            "has a tab or a line break in a file's name",
-            "names without tabs and line breaks",
-        )
+        found = "has a tab or a line break in a file's name"
+        raise FileFormatError(path, "", found, "names without tabs and line breaks")
     root = parse_xml(path, text)
     for element in _all_elements(root):
         children: list[XmlElement] = []
@@ -183,10 +177,9 @@ def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -
         found = path_inside(home, posixpath.normpath(relative))
         if found is not None:
             return found
-    raise element.error(
-        f"<{element.tag}> names {quote(name)}, outside the model's folder",
-        "a file inside it; or give a folder that contains all files: --from FOLDER --file NAME",
-    )
+    found = f"<{element.tag}> names {quote(name)}, outside the model's folder"
+    inside = "a file inside it; or give a folder that contains all files: --from FOLDER --file NAME"
+    raise element.error(found, inside)
 
 
 def _all_elements(root: XmlElement) -> list[XmlElement]:
@@ -234,9 +227,6 @@ def _geom_shapes(mujoco: Any, model: Any, geom: int, T: Matrix) -> list[Shape]: 
             return [Surface(corners[faces], at, rpy)]
         case _:
             return []
-
-
-_NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
@@ -320,7 +310,7 @@ class _BodyTreeReader:
                 model.site_pos[site] - self._shift_m[body],
                 quaternion_to_matrix(model.site_quat[site]),
             )
-            self._links.append(_empty_link(name))
+            self._links.append(UrdfLink(name))
             self._joints.append(_fixed_joint(f"{name}_mount", self._names[body], name, T))
         things = [body for body in sorted(loose) if model.body_rootid[body] == body]
         notes = tuple(f"{self._names[each]} is a loose object and is left out." for each in things)
@@ -344,7 +334,7 @@ class _BodyTreeReader:
                 self._make_moving_joint(joint, above, child, at @ make_pose(anchor_m - shift_m))
             )
             if not last:
-                self._links.append(_empty_link(child))
+                self._links.append(UrdfLink(child))
             above, at, shift_m = child, np.eye(4), anchor_m
         if not count:
             name = f"{self._names[body]}_mount"
@@ -376,10 +366,7 @@ class _BodyTreeReader:
             axis=(float(axis[0]), float(axis[1]), float(axis[2])),
             lower=low,
             upper=high,
-            effort=math.inf,
-            velocity=math.inf,
             mimic=self._find_mimic(joint),
-            line=0,
         )
 
     def _find_mimic(self, joint: int) -> UrdfMimic | None:
@@ -414,29 +401,9 @@ class _BodyTreeReader:
                 inertia_kg_m2=(ixx, 0.0, 0.0, iyy, 0.0, izz),
                 collisions=tuple(collide),
                 visuals=tuple(drawn),
-                line=0,
             )
         )
 
 
-def _empty_link(name: str) -> UrdfLink:
-    zero = (0.0, 0.0, 0.0)
-    return UrdfLink(name, 0.0, zero, zero, _NO_INERTIA, (), (), 0)
-
-
 def _fixed_joint(name: str, parent: str, child: str, T: Matrix) -> UrdfJoint:
-    return UrdfJoint(
-        name=name,
-        kind=UrdfJointType.FIXED,
-        parent=parent,
-        child=child,
-        xyz_m=pose_origin(T),
-        rpy_rad=pose_rpy(T),
-        axis=(1.0, 0.0, 0.0),
-        lower=0.0,
-        upper=0.0,
-        effort=math.inf,
-        velocity=math.inf,
-        mimic=None,
-        line=0,
-    )
+    return UrdfJoint(name, UrdfJointType.FIXED, parent, child, pose_origin(T), pose_rpy(T))

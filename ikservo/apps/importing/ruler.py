@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ikservo.apps.importing.description_sources import Description
@@ -80,15 +80,11 @@ def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
         radius_m = min(radius_m, 0.4 * length_m)
         straight_m = max(length_m - 2.0 * radius_m, 0.1 * length_m)
         shapes = (Cylinder(radius_m, straight_m, (0.0, 0.0, 0.5 * length_m), _ZERO),)
-    return UrdfLink(name, 0.0, _ZERO, _ZERO, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), shapes, shapes, 0)
+    return UrdfLink(name, collisions=shapes, visuals=shapes)
 
 
 def _joint(name: str, parent: str, child: str, height_m: float, axis: Triple | None) -> UrdfJoint:
     """Return a joint that turns about ``axis``, or a fixed joint if ``axis`` is None."""
     kind = UrdfJointType.FIXED if axis is None else UrdfJointType.REVOLUTE
-    limit_rad = 0.0 if axis is None else _LIMIT_RAD
-    return UrdfJoint(
-        name=name, kind=kind, parent=parent, child=child, xyz_m=(0.0, 0.0, height_m),
-        rpy_rad=_ZERO, axis=axis or (1.0, 0.0, 0.0), lower=-limit_rad, upper=limit_rad,
-        effort=math.inf, velocity=math.inf, mimic=None, line=0,
-    )  # fmt: skip
+    joint = UrdfJoint(name, kind, parent, child, (0.0, 0.0, height_m), _ZERO)
+    return joint if axis is None else replace(joint, axis=axis, lower=-_LIMIT_RAD, upper=_LIMIT_RAD)

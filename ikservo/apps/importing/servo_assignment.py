@@ -81,10 +81,8 @@ def assign_servos(
                     yield from _ask_about(bus, servo, joints, assigned)
     missing = [joint for joint in joints if joint not in assigned]
     if missing:
-        raise InputError(
-            f"No servo moves {', '.join(missing)}.",
-            f"Check the cable of its servo, or give {_OPTION}.",
-        )
+        hint = f"Check the cable of its servo, or give {_OPTION}."
+        raise InputError(f"No servo moves {', '.join(missing)}.", hint)
     for draft in drafts:
         _set_servos(draft, assigned, found)
 
@@ -109,10 +107,8 @@ def _check_servos(
 ) -> None:
     unknown = [str(each) for each in found if each.table is None or each.shares_id]
     if unknown:
-        raise InputError(
-            f"Not usable: {'; '.join(unknown)}.",
-            "Give each servo its own id: ikservo setup. Unknown models are not supported yet.",
-        )
+        hint = "Give each servo its own id: ikservo setup. Unknown models are not supported yet."
+        raise InputError(f"Not usable: {'; '.join(unknown)}.", hint)
     families = {each.table.family.value for each in found if each.table}
     if len(families) > 1:
         raise InputError(f"The servos belong to several families: {', '.join(sorted(families))}.",
@@ -153,11 +149,8 @@ def _ask_about(
     direction = describe_direction(model, model.joint(answer), "home", 1)
     way = ""
     while way not in ("yes", "no"):
-        way = yield Entry(
-            f"Did it first move {direction}? ({_AGAIN} moves it once more)",
-            _OPTION,
-            choices=("yes", "no", _AGAIN),
-        )
+        asked = f"Did it first move {direction}? ({_AGAIN} moves it once more)"
+        way = yield Entry(asked, _OPTION, choices=("yes", "no", _AGAIN))
         if way == _AGAIN:
             yield from _move_and_return(bus, servo.id)
     sign = 1 if way == "yes" else -1

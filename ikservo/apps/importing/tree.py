@@ -128,10 +128,8 @@ def _structure(
     if gripper is None:
         gripper = _own_jaws(urdf, joints)
     if gripper in joints:
-        raise InputError(
-            f"The jaw joint {gripper} moves the tip {tip}.",
-            "Give the palm as --tip, or --gripper none.",
-        )
+        hint = "Give the palm as --tip, or --gripper none."
+        raise InputError(f"The jaw joint {gripper} moves the tip {tip}.", hint)
     others = [name for name in candidates if name != tip and joints_to[name] == joints]
     return Structure(tip, joints, gripper, tuple(others))
 

@@ -106,12 +106,8 @@ def expand_xacro(
     missing = _MISSING_ARGUMENT.search(error_output) if code else None
     if missing:
         name = missing[1]
-        raise FileFormatError(
-            path,
-            "",
-            f"its argument {name} has no value",
-            f"a value, given as --xacro-arg {name}:=VALUE",
-        )
+        expected = f"a value, given as --xacro-arg {name}:=VALUE"
+        raise FileFormatError(path, "", f"its argument {name} has no value", expected)
     if code != 0 or len(text) >= MAX_URDF_BYTES:
         lines = error_output.strip().splitlines()
         last = [line for line in lines if not line.startswith("when processing file")][-1:]

@@ -65,10 +65,8 @@ class IdentificationRun:
         context.require_zeros()
         masses = link_masses(context.model, context.chain)
         if not masses:
-            raise RefusedError(
-                f"{context.model.name} has no masses in its URDF.",
-                "Add <inertial> to its links; masses are estimated as multiples of these.",
-            )
+            hint = "Add <inertial> to its links; masses are estimated as multiples of these."
+            raise RefusedError(f"{context.model.name} has no masses in its URDF.", hint)
         dynamics = Dynamics.from_masses(context.chain, masses)
         nominal_priors(context.model, context.chain.names)  # refuses unknown motors
         inside = arm.pose_within_limits(START_POSE)
@@ -150,10 +148,8 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
         joint = model.joint(name)
         torque = find_servo_torque(joint.servo.model, model.supply_v)
         if torque is None:
-            raise RefusedError(
-                f"The motor of {name} ({joint.servo.model}) is unknown.",
-                "Only arms with servos listed in docs/lab/motors.md can be identified.",
-            )
+            hint = "Only arms with servos listed in docs/lab/motors.md can be identified."
+            raise RefusedError(f"The motor of {name} ({joint.servo.model}) is unknown.", hint)
         priors.append(
             JointPrior(
                 servo=torque,

@@ -175,10 +175,8 @@ def _draw_postures(
             way.pop()
         postures += way[-1:]
     if len(postures) == 1:
-        raise RefusedError(
-            "The arm has no room to move.",
-            "Clear the space around it, or move it to another pose first: ikservo pose home",
-        )
+        hint = "Clear the space around it, or move it to another pose first: ikservo pose home"
+        raise RefusedError("The arm has no room to move.", hint)
     return postures
 
 

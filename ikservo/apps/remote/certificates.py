@@ -107,10 +107,8 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     for host in hosts:
         check_host(host)
     if find_spec("cryptography") is None:
-        raise IkservoError(
-            "Certificates need the package cryptography, which is not installed.",
-            f"Install it: {install_command('net')}",
-        )
+        text = "Certificates need the package cryptography, which is not installed."
+        raise IkservoError(text, f"Install it: {install_command('net')}")
     authority = _sign(None, _ISSUER, (), datetime.timedelta(days=10 * _DAYS))
     signed = {_AUTHORITY: authority}
     for role in ROLES:

@@ -132,10 +132,8 @@ class Connection:
             )
             served = served_names(self._session, _QUICK_S)
             if address.name not in served:
-                raise PortError(
-                    f"No arm named {address.name!r} is served at {address.endpoint}.",
-                    f"Served there: {', '.join(served) or 'none'}.",
-                )
+                text = f"No arm named {address.name!r} is served at {address.endpoint}."
+                raise PortError(text, f"Served there: {', '.join(served) or 'none'}.")
             self._compare_clocks()
             self._stack = stack.pop_all()
 
@@ -251,10 +249,8 @@ class Connection:
         answers = ask(self._session, key, self._request(arguments), timeout_s)
         if not answers:
             self.watch("clock")  # raises if the link is cut
-            raise RefusedError(
-                f"{self.address} does not let this machine drive it.",
-                "With a watcher's certificate, an arm can only be watched and stopped.",
-            )
+            hint = "With a watcher's certificate, an arm can only be watched and stopped."
+            raise RefusedError(f"{self.address} does not let this machine drive it.", hint)
         return result_of(answers[0][1])
 
     def release(self) -> None:

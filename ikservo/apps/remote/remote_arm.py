@@ -165,10 +165,8 @@ class RemoteArm(MotionMethods):
         Raises:
             RefusedError: Always.
         """
-        raise RefusedError(
-            f"Reopening the port within {within_s:g} s works only on the arm's computer.",
-            f"Run the program on {self._connection.address.endpoint.host}.",
-        )
+        text = f"Reopening the port within {within_s:g} s works only on the arm's computer."
+        raise RefusedError(text, f"Run the program on {self._connection.address.endpoint.host}.")
 
     def return_within_limits(self) -> None:
         """Move joints that are a little outside their limits back inside, slowly."""

@@ -146,10 +146,8 @@ class _MachineStop:
         if self._unreached is not None:
             return self._unreached
         what = f"{name} at {self._host}" if name else str(self._host)
-        return PortError(
-            f"The stop of {what} was not confirmed, because it does not answer.",
-            "If the arm moves, switch off its power.",
-        )
+        text = f"The stop of {what} was not confirmed, because it does not answer."
+        return PortError(text, "If the arm moves, switch off its power.")
 
 
 def _stop_result(data: bytes) -> StopResult:

@@ -66,10 +66,8 @@ def command(
     served_as = check_arm_name(name or model.name)
     certificate = server_certificate(endpoint)
     if find_network(connection.port) is not None:
-        raise InputError(
-            "An arm on another machine cannot be served again.",
-            "Run `ikservo serve` on the machine with the arm.",
-        )
+        hint = "Run `ikservo serve` on the machine with the arm."
+        raise InputError("An arm on another machine cannot be served again.", hint)
     access = None if certificate is None else access_control(served_as)
     with (
         open_server(endpoint, certificate, access) as session,

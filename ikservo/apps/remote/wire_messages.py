@@ -181,10 +181,8 @@ def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:
     """
     data = message.model_dump_json(by_alias=True, exclude_defaults=False).encode()
     if len(data) > max_bytes:
-        raise InputError(
-            f"A message of {len(data)} bytes is too long; {max_bytes} are allowed.",
-            "Send fewer points at once.",
-        )
+        text = f"A message of {len(data)} bytes is too long; {max_bytes} are allowed."
+        raise InputError(text, "Send fewer points at once.")
     return data
 
 

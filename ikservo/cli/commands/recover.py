@@ -38,10 +38,8 @@ def command(
     with open_bus(model, connection.port) as bus:
         if reboot and not yes and not bus.port.name.startswith("sim:"):
             if not sys.stdin.isatty():
-                raise InputError(
-                    "Cannot ask: input is not a terminal.",
-                    "To restart servos without being asked, add --yes.",
-                )
+                hint = "To restart servos without being asked, add --yes."
+                raise InputError("Cannot ask: input is not a terminal.", hint)
             if not confirm("Torque goes off while the servos restart. Is the arm supported?"):
                 raise IkservoError(
                     "Cancelled; nothing was restarted.", "To go on without being asked, add --yes."

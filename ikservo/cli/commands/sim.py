@@ -69,10 +69,8 @@ def _with_identified(name: str, args: list[str]) -> list[str]:
 
 def _load_server() -> Callable[[list[str]], int]:
     if find_spec("termios") is None:  # Windows
-        raise IkservoError(
-            "This system has no pseudo-terminals, which `ikservo sim` needs.",
-            "Other commands can simulate an arm themselves: add --port sim",
-        )
+        hint = "Other commands can simulate an arm themselves: add --port sim"
+        raise IkservoError("This system has no pseudo-terminals, which `ikservo sim` needs.", hint)
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())
     raise IkservoError("The simulator is not installed.", f"Install it: {install_command()}")

@@ -178,10 +178,8 @@ def _check_options(
 
         check_plot_file(plot)
     if force is not None and (everything or comparison or trace):
-        raise InputError(
-            "--force shows the torques of one solution.",
-            "Give it without --all, --compare and --trace.",
-        )
+        hint = "Give it without --all, --compare and --trace."
+        raise InputError("--force shows the torques of one solution.", hint)
 
 
 def _print_all(

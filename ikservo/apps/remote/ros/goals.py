@@ -143,11 +143,8 @@ def trajectory_goal(
         )
     times_s = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
     if times_s[0] < 0.0 or not (np.diff(times_s) > 0.0).all() or times_s[-1] > _MAX_DURATION_S:
-        raise BadValueError(
-            "time_from_start",
-            "not increasing",
-            f"times that increase from at least 0 to at most {_MAX_DURATION_S:.0f} s",
-        )
+        expected = f"times that increase from at least 0 to at most {_MAX_DURATION_S:.0f} s"
+        raise BadValueError("time_from_start", "not increasing", expected)
     positions = _rows(points, "positions", len(names))
     has_velocities = all(len(point.velocities) for point in points)
     velocities = _rows(points, "velocities", len(names)) if has_velocities else None

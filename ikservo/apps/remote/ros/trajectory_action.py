@@ -136,10 +136,8 @@ def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> N
                                            *message.component_goal_tolerance)]  # fmt: skip
     if unknown or not names or len(set(names)) != len(names):
         found = ", ".join(map(repr, unknown or names)) or "none"
-        raise _InvalidJointsError(
-            f"The joints of the goal cannot be used: {found}.",
-            f"Expected each joint once: {', '.join(known)}.",
-        )
+        hint = f"Expected each joint once: {', '.join(known)}."
+        raise _InvalidJointsError(f"The joints of the goal cannot be used: {found}.", hint)
 
 
 def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:

@@ -56,10 +56,8 @@ class Attachment:
             InputError: The data is not an attachment.
         """
         if len(data) != _ATTACHMENT.size or data[_ATTACHMENT.size - _GID_BYTES - 1] != _GID_BYTES:
-            raise InputError(
-                "A message lacks the attachment of rmw_zenoh.",
-                "Use ROS 2 Jazzy or later on the other machine.",
-            )
+            hint = "Use ROS 2 Jazzy or later on the other machine."
+            raise InputError("A message lacks the attachment of rmw_zenoh.", hint)
         sequence, time_ns, _, gid = _ATTACHMENT.unpack(data)
         return cls(sequence, time_ns, gid)
 
