@@ -85,6 +85,7 @@ def test_page_gives_reason_if_arm_must_not_search_for_stops(monkeypatch):
     assert "strong enough to hurt somebody" in first["lines"][1]
 
 
+@pytest.mark.full
 def test_calibration_against_stops_is_saved_from_page(driver, arm, narrow):
     screens = run(driver)
     warning = next(each for each in screens if each["task"] == "Begin?")["lines"][0]
@@ -118,6 +119,7 @@ def limp_after(driver, screens, arm):
     return screens[-1]["task"]
 
 
+@pytest.mark.full
 def test_search_stopped_from_page_holds_until_released(driver, arm):
     held = []
 
@@ -130,6 +132,7 @@ def test_search_stopped_from_page_holds_until_released(driver, arm):
     assert held[0]
 
 
+@pytest.mark.full
 def test_leaving_moving_arm_brakes_it_first(driver, arm):
     def leave(shown):
         if shown["share"]:
@@ -191,6 +194,7 @@ def stop(thread):
     return lambda shown: shown["share"] and thread.request_stop(STOP)
 
 
+@pytest.mark.full
 def test_stop_of_page_reaches_arm_that_searches(thread, arm):
     thread.lease.silence_s = lambda: 0.0
     before, shown = registers(arm), search(thread, stop(thread))
@@ -218,3 +222,14 @@ def test_stop_of_page_ends_calibration_by_hand(thread):
     thread.step()
     assert (driver.requested, thread.snapshot.calibration) == (False, None)
     thread.arm.close("hold")
+
+
+def test_closed_page_leaves_arm_holding_in_its_search(thread, arm):
+    def close(shown):
+        thread._ending = True
+        thread.request_stop(STOP)
+
+    thread.lease.silence_s = lambda: 0.0
+    search(thread, close)
+    assert all(holding(arm))
+    assert "ikservo calibration revert" in thread.snapshot.stop_notice.hint
