@@ -21,15 +21,15 @@ def arm(tmp_path, monkeypatch):
     return connect_arm(monkeypatch, write_narrow_arm(tmp_path), sign=1)
 
 
-def search(arm, answer, told):
+def search(arm, answer, status):
     """Run the dialogue; ``answer`` maps each item to its answer. Return all different items."""
     seen, word = [], None
     options = CalibrationOptions("home", write_limits=False)
     with (
         open_torque_off(load_model(arm.name), PORT) as limp_arm,
-        restore_encoders(limp_arm, told.append),
+        restore_encoders(limp_arm, status.append),
         closing(
-            calibrate_against_stops(limp_arm, options, told.append, lambda _: nullcontext())
+            calibrate_against_stops(limp_arm, options, status.append, lambda _: nullcontext())
         ) as dialogue,
     ):
         while True:
@@ -84,9 +84,9 @@ def test_bad_answer_before_search_is_refused_and_moves_nothing(arm, word, reason
 
 
 def test_denied_direction_ends_search_and_names_settings(arm):
-    told = []
+    status = []
     deny = lambda item: "no" if isinstance(item, Question) else agree(item)  # noqa: E731
     with pytest.raises(CalibrationError, match="joint1 does not move as the arm file says"):
-        search(arm, deny, told)
-    assert any("keep the settings of the search" in line for line in told)
+        search(arm, deny, status)
+    assert any("keep the settings of the search" in line for line in status)
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
