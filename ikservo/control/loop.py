@@ -184,11 +184,15 @@ class ControlLoop:
     Args:
         servos: The servos, torque on.
         cycle_time_s: Time between two goals; None measures the time that the bus allows.
+
+    Attributes:
+        on_every_cycle: Called in each control cycle of every trajectory; None if nobody watches.
     """
 
     def __init__(self, servos: ServoGroup, cycle_time_s: float | None = None) -> None:
         self._servos, self._cycle_time_s = servos, cycle_time_s
         self._last_cycle: ControlCycle | None = None
+        self.on_every_cycle: OnCycle | None = None
 
     @property
     def cycle_time_s(self) -> float:
@@ -304,8 +308,9 @@ class ControlLoop:
                 measured,
                 servos.lost_joints,
             )
-            if on_cycle:
-                on_cycle(self._last_cycle)
+            for each in (on_cycle, self.on_every_cycle):
+                if each:
+                    each(self._last_cycle)
             scaler.raise_if_too_slow()
             ended = uncut and setpoints.has_ended
             if ended or scaler.stopped:

@@ -18,7 +18,7 @@ from ikservo.calibration.paths import calibration_path, confirmation_path
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.files.writing import FileWriteError, write_atomic
 from ikservo.hardware.port_names import serial_number_of
-from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
+from ikservo.maintenance.dialogue import ACCEPT, Choice, Dialogue, Notice, Question, Unasked
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
 from ikservo.planning.calibrated_arm import ZeroSource
@@ -268,7 +268,7 @@ def _make_room(arm: Arm, name: str, *, searching: bool) -> Dialogue[None]:
 
 def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> Dialogue[None]:
     question = f"Did {motion.joint} move {motion.direction}?"
-    if (yield Question(question, Unasked.YES)) != ACCEPT:
+    if (yield Question(question, Unasked.YES, more=(Choice("no", "no"),))) != ACCEPT:
         by_hand = f"ikservo calibrate {arm.model.name}"
         raise CalibrationError(
             f"{motion.joint} does not move as the arm file says; torque stays on.",

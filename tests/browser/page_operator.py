@@ -242,12 +242,11 @@ class Operator:
 
     # --- what the person does ---
 
-    def start_calibration(self):
-        """Press Calibrate; press it a second time if the arm holds and must go limp."""
+    def start_calibration(self, how="accept"):
+        """Press Calibrate, and choose a calibration by hand or another one."""
         self.page.click("#calibrate")
-        if "sure" in self.page.inner_text("#calibrate").lower():
-            self.page.click("#calibrate")
-        return self
+        self.page.click(f"#calibration:has([data-action=stops]) [data-action={how}]")
+        return self.until("!document.querySelector('#calibration [data-action=stops]')")
 
     def open_solver(self):
         if self.page.get_attribute("#solver", "open") is None:

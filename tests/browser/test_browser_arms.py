@@ -223,7 +223,9 @@ def test_page_sets_up_and_checks_new_servos(page):
         expect(page.locator("#arms-check")).to_be_disabled()
         page.wait_for_selector("#dialogue form:has-text('Set it to id 1 at 1000000 baud')")
         page.click("#dialogue form button:has-text('yes')")
+        page.focus("#dialogue button:has-text('Leave')")
         page.wait_for_selector("#dialogue li:has-text('✓ shoulder_pan (id 1): id 9 → 1')")
+        assert page.evaluate("document.activeElement.textContent") == "Leave"
         page.click("#dialogue button:has-text('Leave')")
         expect(page.locator("#dialogue")).to_be_hidden()
         for _ in range(100):

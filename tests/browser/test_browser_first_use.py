@@ -7,6 +7,7 @@ from playwright.sync_api import expect
 
 from tests.browser.page_operator import Operator, serve_view, until
 from tests.browser.tab_order import expect_read_in_order
+from tests.calibration.narrow_arm import write_narrow_arm
 
 pytestmark = pytest.mark.browser
 
@@ -146,10 +147,10 @@ def test_calibrate_button_asks_before_arm_goes_limp(newcomer):
     page = newcomer.page
     newcomer.wait_for("status.health.joints.every(({torque}) => torque === 'on')")
     page.click("#calibrate")
-    expect(page.locator("#calibrate")).to_have_text("The arm will go limp. Sure?")
-    newcomer.until("document.getElementById('calibrate').textContent === 'Calibrate …'")
-    assert newcomer.status["calibration"] is None
+    page.wait_for_selector("#calibration [data-action=stops]")
     assert {joint["torque"] for joint in newcomer.status["health"]["joints"]} == {"on"}
+    page.click("#calibration [data-action=cancel]")
+    newcomer.wait_for("status.mode === 'preview'")
 
 
 def test_stop_banner_contains_its_acknowledge_button(newcomer):
@@ -198,3 +199,49 @@ def test_calibration_screen_on_phone_shows_task_first(on_a_phone):
     assert task["y"] >= calibration["y"]
     expect(page.locator("#calibration .task")).to_contain_text("Move shoulder_pan")
     page.click("[data-action=cancel]")
+
+
+@pytest.fixture
+def searcher(browser, tmp_path, monkeypatch):
+    """Return a user of an arm whose search for its stops is short."""
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    with serve_view(write_narrow_arm(tmp_path), "sim") as view:
+        context = browser.new_context(viewport={"width": 1280, "height": 800})
+        yield Operator(context.new_page(), view)
+        context.close()
+
+
+def begin_search(searcher):
+    """Agree to everything until the arm searches for its stops."""
+    page = searcher.start_calibration("stops").page
+    expect(page.locator("#calibration")).to_contain_text("Clear its whole reach.")
+    page.click("[data-action=accept]")
+    searcher.until("document.querySelector('.task').textContent.includes('still; continue')")
+    page.click("[data-action=accept]")
+    for joint in ("joint1", "joint2"):
+        expect(page.locator("#calibration .task")).to_contain_text(f"Did {joint} move")
+        page.click("[data-action=accept]")
+    page.wait_for_selector("#calibration progress")
+    return page
+
+
+def test_arm_is_calibrated_against_stops_on_page(searcher, tmp_path):
+    page = begin_search(searcher)
+    expect(page.locator("#mode")).to_have_text("Calibration – the arm moves")
+    page.focus("[data-action=cancel]")
+    searcher.wait_for("status.calibration.share > 0")
+    assert page.evaluate("document.activeElement.dataset.action") == "cancel"
+    page.click("#stop")
+    expect(page.locator("#calibration .task")).to_contain_text("Support it")
+    expect(page.locator("#stop-word")).to_have_text("Stop")
+    page.click("[data-action=accept]")
+    page.click("#acknowledge")  # the simulated arm is opened anew, and holds
+    searcher.wait_for("status.mode === 'preview'")
+    page = begin_search(searcher)
+    expect(page.locator("#calibration .task")).to_contain_text("Save to")
+    page.click("[data-action=accept]")
+    expect(page.locator("#calibration .task")).to_have_text("Saved.")
+    page.click("[data-action=accept]")
+    searcher.wait_for("status.mode === 'preview'")
+    assert list((tmp_path / "home").rglob("narrow*.toml"))
+    assert searcher.errors == []

@@ -29,7 +29,7 @@ from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
-from ikservo.maintenance.dialogue import Dialogue, Notice
+from ikservo.maintenance.dialogue import Dialogue, Notice, Progress
 from ikservo.maintenance.direction_check import show_directions
 from ikservo.model import Model
 from ikservo.motion import OnlineTrajectory
@@ -291,7 +291,7 @@ class AutoCalibration:
         names = frozenset(subject.name for subject in state.subjects)
         self.state = replace(state, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
-        self._place = ""  # "joint 2 of 6": the joint whose stops are searched now
+        self._done, self._began_s = 0, 0.0  # number of earlier ends, and the start of the search
 
     def run(self) -> Dialogue[CalibrationState]:
         """Show each joint's direction, search for the stops, and return the state for review.
@@ -306,6 +306,7 @@ class AutoCalibration:
         names = [joint.name for joint in self.arm.model.joints]
         yield from show_directions(self.arm, names, searching=True)
         yield from self.sweep()
+        yield Progress("Moving to the rest pose")
         return self.finish()
 
     def sweep(self) -> Dialogue[None]:
@@ -316,9 +317,10 @@ class AutoCalibration:
             StoppedError: The user stopped the search; the arm holds.
             RefusedError: The guard stopped the search; the arm holds.
         """
+        self._began_s = self._loose.bus.clock.now_s()
         with self.arm.runner.requested():
-            for number, subject in enumerate(reversed(self.state.subjects), 1):
-                self._place = f"joint {number} of {len(self.state.subjects)}"
+            for number, subject in enumerate(reversed(self.state.subjects)):
+                self._done = 2 * number
                 if can_probe(subject, self.state):
                     yield from self._sweep_joint(subject)
                 elif subject.known is not None:
@@ -381,10 +383,15 @@ class AutoCalibration:
                 path = self._postures.path_to_clear(column, end.start, beyond, present)
         except RefusedError as error:
             return error.message
+        near = subject.joint_map.format(end.expected)
+        what = f"{end.joint}: searching for its end stop near {near}"
+        total = len(self.state.subjects)
+        yield Notice(f"{what} (joint {self._done // 2 + 1} of {total}).")
+        since_s = self._loose.bus.clock.now_s() - self._began_s
+        yield Progress(what, self._done, 2 * total, since_s)
+        self._done += 1
         for posture in path:
             self._move_to_posture(posture)
-        near = subject.joint_map.format(end.expected)
-        yield Notice(f"{end.joint}: searching for its end stop near {near} ({self._place}).")
         found = self._press_against(end, subject, _TORQUE_FRACTIONS[0])
         for fraction in _TORQUE_FRACTIONS[1:]:
             if is_end_stop(found, end, subject):

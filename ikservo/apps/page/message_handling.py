@@ -591,7 +591,7 @@ class SessionController:
         self._arm_thread.post(replace(self._arm_thread.command, speed="slow"))
 
     def _stop_session(self) -> None:
-        if self._arm_thread.job is not None:
+        if self._arm_thread.moves_itself:
             self._arm_thread.request_stop(StopReason(StopKind.CLIENT, _AWAY_TEXT))
         self._interaction.reset()
         self._planner.update(None, self._clock.now_s())

@@ -14,8 +14,8 @@ from ikservo.errors import StoppedError
 from ikservo.serving.control_client import request_stop
 from servosim.joint import Hand, glide
 from tests.calibration.mounted_arms import Operator, load_model
+from tests.calibration.narrow_arm import write_narrow_arm
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
-from tests.oracle import CONFIGS
 
 MARGIN_DEG = 0.3
 SEARCH = math.radians(25 + 20)  # past the ends of the arm file
@@ -28,15 +28,8 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory):
-    """Return an arm file of a planar arm whose joints turn 25° to both sides."""
-    folder = tmp_path_factory.mktemp("narrow")
-    text = (CONFIGS / "planar2" / "arm.toml").read_text()
-    text = re.sub(r"joint([12]) = -?[\d.]+", r"joint\1 = 5.0", text)
-    (folder / "arm.toml").write_text(text.replace('name   = "planar2"', 'name = "narrow"'))
-    urdf = (CONFIGS / "planar2" / "arm.urdf").read_text()
-    urdf = re.sub(r'lower="[^"]*"', 'lower="-0.436"', urdf)
-    (folder / "arm.urdf").write_text(re.sub(r'upper="[^"]*"', 'upper="0.436"', urdf))
-    return str(folder / "arm.toml")
+    """Return the file of an arm whose search is short."""
+    return write_narrow_arm(tmp_path_factory.mktemp("narrow"))
 
 
 @pytest.fixture

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.arm import JointState
 from ikservo.kinematics.arrays import Vector
-from ikservo.maintenance.dialogue import HandRequest, Question
+from ikservo.maintenance.dialogue import HandRequest, Progress, Question
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,16 +78,21 @@ class CalibrationView:
     """A running calibration.
 
     Attributes:
-        item: The question or request.
+        item: The question or request, or what the arm does by itself.
         request: The last request, with its reading; None while torque is still on.
         lines: The lines since the last answer.
         number: The number of the screen, from 1; an answer names its screen.
     """
 
-    item: HandRequest | Question
+    item: HandRequest | Question | Progress
     request: HandRequest | None = None
     lines: tuple[str, ...] = ()
     number: int = 0
+
+    @property
+    def stage(self) -> str:
+        """The part of the calibration; an arm that moves itself is in its sweep."""
+        return (not isinstance(self.item, Progress) and self.item.stage) or CalibrationStage.SWEEP
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -148,6 +148,8 @@ class ArmThread:
         """Brake and hold until acknowledged. Safe from any thread."""
         self._stop_reason, self._acknowledged, self._waiting_job = reason, False, None
         self.arm.request_stop(reason)
+        if self.calibration is not None:
+            self.calibration.request_stop(reason)
 
     def acknowledge(self) -> None:
         """Acknowledge a stop: the arm may move again, but nothing moves yet."""
@@ -161,6 +163,11 @@ class ArmThread:
     def job(self) -> ArmJob | None:
         """The running job, or the job that waits for the arm."""
         return self._running_job or self._waiting_job
+
+    @property
+    def moves_itself(self) -> bool:
+        """Whether the arm has a job, or searches for its stops."""
+        return self.job is not None or (self.calibration is not None and self.calibration.holds)
 
     def request_job(self, job: ArmJob) -> None:
         """Request a job of the arm. Safe from any thread.
@@ -427,22 +434,34 @@ class ArmThread:
                 raise
             self.arm.close("hold")
             self._lost = True
+            driver.on_cycle, driver.log_message = self._on_search_cycle, self.log_message
             try:
                 for calibration in driver.run():
-                    self._show_calibration(calibration, picture)
+                    self._show_calibration(driver, calibration, picture)
                     if self._ending:
                         return
             finally:
                 self.snapshot = replace(self.snapshot, calibration=None)
                 self._reopen_arm()
 
-    def _show_calibration(self, calibration: CalibrationView, picture: LimpPicture) -> None:
-        measured, states = picture.positions(calibration.request), self.snapshot.states
+    def _on_search_cycle(self, cycle: ControlCycle) -> None:
+        """Store the positions in a search for stops; stop the arm if the page is silent."""
+        now_s, measured = self._clock.now_s(), cycle.measured.copy()
+        self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s)
+        self._require_heartbeat()
+
+    def _show_calibration(
+        self, driver: CalibrationDriver, calibration: CalibrationView, picture: LimpPicture
+    ) -> None:
+        measured, states = self.snapshot.measured, self.snapshot.states
+        if driver.arm is None:
+            measured = picture.positions(calibration.request)
         if calibration.request is not None:
-            states = tuple(replace(state, torque=False) for state in states)
+            states = tuple(replace(state, torque=driver.holds) for state in states)
         self.snapshot = replace(
             self.snapshot,
             calibration=calibration,
+            stop_count=self.snapshot.stop_count + (self._stop_reason is not None),
             measured=measured,
             states=states,
             read_s=self._clock.now_s(),

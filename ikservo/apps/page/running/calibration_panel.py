@@ -1,11 +1,12 @@
-"""Calibration in the browser: the dialogue of the command line, with its values as JSON."""
+"""Calibration in the browser: the dialogues of the command line, with their values as JSON."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator
-from contextlib import closing
+from collections.abc import Callable, Generator
+from contextlib import closing, contextmanager
 
+from ikservo.apps.calibrating.auto_dialogue import calibrate_against_stops, confirm_search
 from ikservo.apps.calibrating.by_hand_dialogue import (
     CalibrationOptions,
     calibrate_by_hand,
@@ -14,6 +15,9 @@ from ikservo.apps.calibrating.by_hand_dialogue import (
 from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.apps.page.dragging.snapshot import CalibrationView
+from ikservo.arm import Arm, StopKind, StopReason
+from ikservo.control.loop import OnCycle
+from ikservo.errors import IkservoError, StoppedError
 from ikservo.maintenance.dialogue import (
     ACCEPT,
     Choice,
@@ -26,9 +30,24 @@ from ikservo.maintenance.dialogue import (
     Question,
     Unasked,
 )
+from ikservo.maintenance.direction_check import confirm_directions
 from ikservo.model import Model
+from ikservo.remedies import in_page
 
 REFERENCE_POSE = "rest"
+_BY_HAND = (
+    "By hand: the arm goes limp; you hold it in its pose, then move each joint to both of its ends."
+)
+_AGAINST_STOPS = (
+    "Against the stops: you hold the limp arm in its pose until it holds itself; then it drives "
+    "each joint slowly to both of its stops, so its whole reach must be clear."
+)
+_BEFORE_CAMERA = (
+    "Before a camera: a calibrated arm shows a printed board on its gripper to a camera, all over "
+    "its reach. Begin it in a terminal: ikservo calibrate {} --camera 0"
+)
+_HOLDS = "held"  # the stage of an arm that was stopped in its search
+_LEFT = StopReason(StopKind.CLIENT, "The calibration was left.")
 
 
 class CalibrationDriver:
@@ -41,12 +60,23 @@ class CalibrationDriver:
 
     Attributes:
         requested: Whether a calibration is requested.
+        arm: The arm that a search for stops moves, or has moved; None before that.
+        on_cycle: Called in each control cycle of a search.
+        log_message: Receives messages for the user.
     """
 
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:
         self.model, self._port, self.pose = model, port, pose
         self._answers: deque[tuple[str, int]] = deque(maxlen=8)
         self.requested = False
+        self.arm: Arm | None = None
+        self.on_cycle: OnCycle | None = None
+        self.log_message: Callable[[str], None] = lambda _: None
+
+    @property
+    def holds(self) -> bool:
+        """Whether a search has switched torque on, and not off again."""
+        return self.arm is not None and not self.arm.context.servos.torque.is_off
 
     def request_start(self) -> None:
         """Request a calibration; safe from any thread."""
@@ -59,8 +89,14 @@ class CalibrationDriver:
         An answer on an old screen is ignored; ``cancel`` ends the calibration on every screen.
         """
         if answer == "cancel":
-            self.requested = False
+            self.request_stop(_LEFT)
         self._answers.append((answer, number))
+
+    def request_stop(self, reason: StopReason) -> None:
+        """End the calibration; a moving arm brakes and holds. Safe from any thread."""
+        self.requested = False
+        if self.arm is not None:
+            self.arm.request_stop(reason)
 
     def run(self) -> Generator[CalibrationView]:
         """Yield the view at each reading until the user ends the calibration.
@@ -70,28 +106,38 @@ class CalibrationDriver:
         """
         try:
             with (
-                open_torque_off(self.model, self._port) as arm,
-                closing(_calibrate(arm, self.pose)) as dialogue,
+                open_torque_off(self.model, self._port) as limp_arm,
+                closing(self._calibrate(limp_arm)) as dialogue,
             ):
-                yield from self._run_dialogue(arm, dialogue)
+                yield from self._run_dialogue(limp_arm, dialogue)
         finally:
-            self.requested = False
+            self.requested, self.arm = False, None
 
     def _run_dialogue(
-        self, arm: TorqueOffArm, dialogue: Dialogue[None]
+        self, limp_arm: TorqueOffArm, dialogue: Dialogue[None]
     ) -> Generator[CalibrationView]:
         answer: str | None = None
         lines: tuple[str, ...] = ()
         request: HandRequest | None = None
-        number, shown = 0, None
+        number, shown, why = 0, None, ""
+        progress = Progress("Each joint moves slightly")
         while self.requested:
             try:
                 item = dialogue.send(answer)
             except StopIteration:
                 return
+            except IkservoError as error:
+                if not self.holds:
+                    raise
+                hint = "" if isinstance(error, StoppedError) else in_page(error.command_hint)
+                why = f"{error.message} {hint}".strip()
+                break
             answer = None
             if isinstance(item, Notice | Progress):
-                lines = (*lines, item.text.strip())
+                progress = item if isinstance(item, Progress) else progress
+                lines = (*lines, item.text.strip()) if isinstance(item, Notice) else ()
+                if self.holds:
+                    yield CalibrationView(progress, request, lines, number)
                 continue
             request = item if isinstance(item, HandRequest) else request
             screen = (item.stage, item.step) if isinstance(item, HandRequest) else item
@@ -99,11 +145,13 @@ class CalibrationDriver:
             yield CalibrationView(item, request, lines, number)
             answer = self._next_answer(number)
             while isinstance(item, Question) and self.requested and not item.offers(answer):
-                arm.read_ticks()  # a lost servo raises at once
+                limp_arm.read_ticks()  # a lost servo raises at once
                 yield CalibrationView(item, request, lines, number)
                 answer = self._next_answer(number)
             if answer:
                 lines = ()
+        if self.holds:
+            yield from self._release(limp_arm, why, number + 1)
 
     def _next_answer(self, number: int) -> str | None:
         while self._answers:
@@ -112,35 +160,71 @@ class CalibrationDriver:
                 return answer
         return None
 
+    def _calibrate(self, limp_arm: TorqueOffArm) -> Dialogue[None]:
+        """Let the user choose how to calibrate the arm, calibrate it, and save the result."""
+        forbidden = self.model.auto_unsafe
+        yield Notice(_BY_HAND)
+        yield Notice(f"Not against the stops: {forbidden}" if forbidden else _AGAINST_STOPS)
+        yield Notice(_BEFORE_CAMERA.format(self.model.name))
+        how = yield Question(
+            "How do you want to calibrate the arm?", Unasked.YES, CalibrationStage.REFERENCE_POSE,
+            "by hand", () if forbidden else (Choice("stops", "against the stops"),),
+        )  # fmt: skip
+        options = CalibrationOptions(self.pose, write_limits=False)
+        if how == "stops":
+            yield from confirm_search(self.model, "The Stop button")
+        yield from switch_torque_off(limp_arm)
+        if how == "stops":
+            path = (yield from calibrate_against_stops(
+                limp_arm, options, self.log_message, self._attended
+            ))[2]  # fmt: skip
+            confirm_directions(self.model, limp_arm.bus.port.name)  # each was just confirmed
+        else:
+            path = limp_arm.save((yield from calibrate_by_hand(limp_arm, options))[1])
+        yield Notice(str(path))
+        yield Question("Saved.", Unasked.YES, CalibrationStage.SAVED, "back to the arm")
 
-def _calibrate(arm: TorqueOffArm, pose: str) -> Dialogue[None]:
-    """Calibrate an arm by hand and save the result."""
-    yield from switch_torque_off(arm)
-    options = CalibrationOptions(pose, write_limits=False)
-    _, outcome = yield from calibrate_by_hand(arm, options)
-    yield Notice(str(arm.save(outcome)))
-    yield Question("Saved.", Unasked.YES, CalibrationStage.SAVED, "back to the arm")
+    @contextmanager
+    def _attended(self, arm: Arm) -> Generator[None]:
+        """Let pages watch and stop an arm that moves itself."""
+        self.arm, arm.runner.loop.on_every_cycle = arm, self.on_cycle
+        yield
+
+    def _release(self, limp_arm: TorqueOffArm, why: str, number: int) -> Generator[CalibrationView]:
+        """Let the user support an arm that holds, then switch its torque off."""
+        text = why or ((self.arm and self.arm.stop_reason) or _LEFT).text
+        self.log_message(text)
+        text += " The arm holds now. Support it, then switch its torque off."
+        question = Question(text, Unasked.YES, _HOLDS, "switch torque off")
+        while self._next_answer(number) != ACCEPT:
+            limp_arm.read_ticks()
+            yield CalibrationView(question, None, (), number)
+        limp_arm.disable_torque()
 
 
 def calibration_fields(view: CalibrationView) -> dict[str, object]:
     """Return a calibration as the page draws it."""
     item, request = view.item, view.request
+    error, share, choices = "", None, tuple[Choice, ...]()
     if isinstance(item, HandRequest):
         error, choices = item.error_text, item.choices
+    elif isinstance(item, Question):
+        choices = (Choice(ACCEPT, item.label), *item.more)
     else:
-        error, choices = "", (Choice(ACCEPT, item.label), *item.more)
-    if item.stage != CalibrationStage.SAVED:
+        share = item.done / item.total if item.total else None
+    if view.stage not in (CalibrationStage.SAVED, _HOLDS):
         choices = (*choices, Choice("cancel", "leave"))
     readings = (request.readings or ()) if request else ()
     return {
-        "stage": item.stage,
+        "stage": view.stage,
         "number": view.number,
-        "task": item.text,
-        "shows_pose": isinstance(item, HandRequest)
-        and item.stage == CalibrationStage.REFERENCE_POSE,
+        "task": str(item) if isinstance(item, Progress) else item.text,
+        "share": share,
+        "moves": isinstance(item, Progress),
+        "shows_pose": request is item and view.stage == CalibrationStage.REFERENCE_POSE,
         "lines": view.lines,
         "meters": [_readout_fields(each, current=each.name == request.current) for each in readings]
-        if request and item.stage != CalibrationStage.SAVED
+        if request and view.stage != CalibrationStage.SAVED
         else [],
         "error": error,
         "choices": [

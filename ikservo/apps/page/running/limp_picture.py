@@ -51,7 +51,7 @@ class LimpPicture:
 
 def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
     """Show in a scene what a calibration requests: the pose to hold, then the joint to move."""
-    if view.item.stage == CalibrationStage.REFERENCE_POSE:
+    if view.stage == CalibrationStage.REFERENCE_POSE:
         pose = model.pose(REFERENCE_POSE)
         return replace(scene, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)
     current = view.item.current if isinstance(view.item, HandRequest) else ""

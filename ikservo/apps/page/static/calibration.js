@@ -30,6 +30,7 @@ export class CalibrationScreens {
     const parts = [
       createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
       createElement("p", { class: "task", role: "status" }, calibration.task),
+      calibration.share !== null ? createElement("progress", { value: calibration.share, "aria-label": "Done" }) : null,
       calibration.shows_pose ? createElement("p", { class: "quiet" }, "Bring your real arm into the pose of the pale one. The dark one shows what the servos report; it need not match yet.") : null,
       ...calibration.lines.map((line) => createElement("p", {}, line)),
       createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration))),

@@ -26,9 +26,11 @@ export class ServerDialogue {
     this.movesServos = Boolean(dialogue?.moves_servos);
     $("dialogue").hidden = !dialogue;
     for (const button of START_BUTTONS) $(button).disabled = Boolean(dialogue) && !isOver(dialogue);
+    const focused = $("dialogue").contains(document.activeElement) && document.activeElement.textContent;
     $("dialogue").replaceChildren(...(dialogue ? this.createParts(dialogue) : []));
     $("dialogue").querySelector("ul")?.scrollTo(0, dialogue && isOver(dialogue) ? 0 : 1e6); // the latest line, or all of the result
-    if (dialogue?.question) $("dialogue").querySelector("form :is(input, select, button)").focus();
+    const same = [...$("dialogue").querySelectorAll("button")].find((button) => button.textContent === focused);
+    (dialogue?.question ? $("dialogue").querySelector("form :is(input, select, button)") : same)?.focus({ preventScroll: true });
     if (dialogue && (dialogue.question || isOver(dialogue))) $("dialogue").lastElementChild.scrollIntoView({ block: "nearest" });
   }
 

@@ -1,6 +1,5 @@
 // The texts and meters beside the drawing, all from the status of the server.
 
-import { ask } from "./confirm.js";
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
 import { Joints } from "./joints.js";
 import { Preference } from "./preference.js";
@@ -16,7 +15,7 @@ const MODES = {
   closed: "Closed",
   silent: "No answer",
   waiting: "Connecting …",
-  calibration: "Calibration – the arm is limp",
+  calibration: "Calibration",
 };
 // The source of the zeros of the joints, which gives meaning to their positions.
 const ZEROS = {
@@ -49,7 +48,7 @@ export class Panel {
     $("dismiss").onclick = () => send("set_live", { on: false });
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
-    $("calibrate").onclick = () => this.calibrate();
+    $("calibrate").onclick = () => send("calibration", { action: "start" });
     // Overlays of the drawing are stacked: banner, mode, tools.
     const parts = { above: $("banner"), mode: document.querySelector(".mode"), tools: document.querySelector(".stage-tools") };
     const measure = () => {
@@ -59,13 +58,6 @@ export class Panel {
     };
     const observer = new ResizeObserver(measure);
     for (const part of Object.values(parts)) observer.observe(part);
-  }
-
-  // The arm goes limp for a calibration, so an arm that holds needs a second press.
-  calibrate() {
-    const start = () => this.send("calibration", { action: "start" });
-    if (this.holds) ask($("calibrate"), "The arm will go limp. Sure?", start);
-    else start();
   }
 
   setArm(armInfo) {
@@ -99,7 +91,6 @@ export class Panel {
     this.tool.show(status, movable);
     this.showSolver(status.solver);
     this.preference.show(status.preference, inControl);
-    this.holds = status.health.joints.some((joint) => joint.torque === "on");
     this.showHealth(status.health);
     this.showPairs($("tip"), status.tip);
     this.showPairs($("posture"), status.posture);
@@ -108,12 +99,12 @@ export class Panel {
   }
 
   // Say that a limp arm does not hold, and that an uncalibrated arm cannot follow.
-  describeMode({ mode, health, activity }) {
+  describeMode({ mode, health, activity, calibration }) {
     if (mode === "busy") return `${activity} …`;
-    if (mode !== "preview") return MODES[mode];
+    if (mode !== "preview" && mode !== "calibration") return MODES[mode];
     const limp = health.joints.filter((joint) => joint.torque !== "on").map((joint) => joint.name);
-    const arm = !limp.length ? "the arm holds" : limp.length === health.joints.length ? "the arm is limp" : `limp: ${limp.join(", ")}`;
-    return `Preview – ${arm}${this.armInfo.zeros === "unknown" ? "; not calibrated, which Live needs" : ""}`;
+    const arm = calibration?.moves ? "the arm moves" : !limp.length ? "the arm holds" : limp.length === health.joints.length ? "the arm is limp" : `limp: ${limp.join(", ")}`;
+    return `${MODES[mode]} – ${arm}${this.armInfo.zeros === "unknown" ? "; not calibrated, which Live needs" : ""}`;
   }
 
   showControls(status, inControl) {
