@@ -5,6 +5,7 @@ import math
 import pytest
 from playwright.sync_api import expect
 
+from ikservo.apps.teaching.program import read_program
 from tests.browser.page_operator import Operator, serve_view, until
 from tests.browser.test_browser_page import CONTRAST, SMALL
 
@@ -144,6 +145,33 @@ def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.evaluate(SMALL, 24) == []
+    assert empty.errors == []
+
+
+def test_grid_is_added_and_edited_by_keyboard(empty, home):
+    page = empty.page
+    page.locator("#add-grid").press("Enter")
+    rows = page.get_by_label("Number of rows, 1 to 30, step 1")
+    rows.fill("0")
+    rows.press("Enter")
+    page.wait_for_selector("#banner-message:has-text('step 1, grid.rows: is 0')")
+    expect(rows).to_have_value("2")
+    rows.fill("5")
+    rows.press("Tab")
+    expect(page.locator("#program-steps .what")).to_contain_text("15 places")
+    distance = page.get_by_label("From one row to the next: x, y, z in mm, step 1")
+    expect(distance).to_be_focused()
+    distance.fill("0, 12.5, -1")
+    distance.press("Enter")
+    corner = page.get_by_label("The tip is at the last place of the first row, step 1")
+    expect(corner).to_have_attribute("title", "The tip is at the last place of the first row")
+    corner.press("Enter")  # the tip has not moved since
+    expect(page.locator("#program-steps [data-part=column_m]")).to_have_value("0, 0, 0")
+    page.fill("#program-name", "tray")
+    page.click("#program-save")
+    empty.until("document.getElementById('program-title').textContent === 'tray'")
+    grid = read_program(home / "programs" / "tray.toml").steps[0].grid
+    assert (grid.rows, grid.row_m) == (5, (0.0, 0.0125, -0.001))
     assert empty.errors == []
 
 

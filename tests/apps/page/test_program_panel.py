@@ -398,6 +398,62 @@ def test_condition_pause_and_called_program_are_saved_and_played(session, own_fo
     assert degrees(session, "wrist_roll") == pytest.approx(20.0, abs=0.5)
 
 
+def change_grid(session, number, corner=None, **fields):
+    grid = panel(session).fields()["steps"][-1]["grid"] | fields
+    session.send_message(msg.ChangeStep, step=number, grid=grid, corner=corner)
+
+
+def move_joint(session, joint, value):
+    session.arm.move_joints({joint: math.radians(value)})
+    session.arm_thread.step()
+
+
+def test_grid_is_taken_from_tip_edited_and_saved(session, own_folder):
+    number = add(session, "grid")
+    first_m = np.array(panel(session).draft.steps[0].step.tip_m)
+    assert first_m == pytest.approx(true_tip_m(session.arm), abs=2e-3)
+    assert panel(session).fields()["steps"][0]["text"].endswith("6 places")
+    change_grid(session, number, rows=4, columns=5)
+    change_grid(session, number, column_m=[0.03, 0.0, 0.005])
+    move_joint(session, "shoulder_pan", 12.0)
+    change_grid(session, number, corner="row_m")
+    session.send_message(msg.ProgramFile, action="save", name="tray")
+    grid = read_program(own_folder / "tray.toml").steps[0].grid
+    assert (grid.rows, grid.columns, grid.column_m) == (4, 5, (0.03, 0.0, 0.005))
+    last_m = np.array(grid.place_m(first_m, 16))  # first place of the last row
+    assert last_m == pytest.approx(true_tip_m(session.arm), abs=2e-3)
+    change_grid(session, number, corner="tip_m")
+    assert panel(session).draft.steps[0].step.tip_m == pytest.approx(tuple(last_m), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"rows": 0}, r"step 2, grid.rows: is 0; expected rows and columns from 1 to 30"),
+        ({"rows": 1000, "columns": 1000}, r"step 2, grid.rows: is 1000; expected rows"),
+        ({"columns": "many"}, r'step 2, grid.columns: is "many"'),
+        ({"row_m": [0.0, "far", 0.0]}, r'step 2, grid.row_m\[1\]: is "far"'),
+        ({"row_m": [0.0, 0.0]}, r"step 2, grid.row_m\[2\]: is missing"),
+    ],
+)
+def test_bad_grid_gets_sentence_of_program_and_changes_nothing(session, fields, words):
+    add(session, "wait")
+    number = add(session, "grid")
+    before = panel(session).draft.steps
+    with pytest.raises(BadMessageError, match=words):
+        change_grid(session, number, **fields)
+    assert panel(session).draft.steps == before
+
+
+def test_grid_places_are_visited_in_turn_by_repetitions(session):
+    number = add(session, "grid", path="line")
+    change_grid(session, number, rows=1, columns=2, column_m=[-0.02, 0.0, 0.0])
+    first_m = np.array(panel(session).draft.steps[0].step.tip_m)
+    session.send_message(msg.SetProgram, speed="fast", repeat=2)
+    assert run(session)["phase"] == "done"
+    assert true_tip_m(session.arm) == pytest.approx(first_m - [0.02, 0.0, 0.0], abs=2e-3)
+
+
 def test_a_watcher_sees_the_program_and_cannot_change_it(session):
     watcher = session.connect(Permission.WATCH)
     with pytest.raises(BadMessageError, match="can only watch"):
