@@ -1,6 +1,7 @@
 """The program panel: two poses taught, ordered, saved, played, stopped; judged by the servos."""
 
 import math
+import re
 
 import pytest
 from playwright.sync_api import expect
@@ -103,12 +104,15 @@ def test_stopped_program_does_not_move_after_acknowledgement(empty):
     empty.until(PHASE.format("playing")).wait_for("status.mode === 'busy'")
     expect(page.locator("#add-wait")).to_be_disabled()
     expect(page.locator("#live")).to_be_disabled()
-    expect(page.locator("#mode")).to_have_text("Playing the program …")
+    expect(page.locator("#mode")).to_have_text("Playing the program, step 1 of 2 …")
+    expect(page.locator("#left")).to_have_text(re.compile(r"about \d+ s left"))
+    expect(page.locator("#program-left")).to_have_text(re.compile(r"about \d+ s left"))
     start = roll_deg(empty)
     until(lambda: abs(roll_deg(empty) - start) > 5)
     page.keyboard.press("Escape")
     empty.wait_for("status.mode === 'stopped'").until_still()
     page.wait_for_selector("#program-state:has-text('Stopped in step')")
+    expect(page.locator("#left, #program-left")).to_have_text(["", ""])
     expect(page.locator("#program-play")).to_be_disabled()
     before = empty.served.goals()
     page.wait_for_timeout(300)

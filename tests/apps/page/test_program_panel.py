@@ -454,6 +454,95 @@ def test_grid_places_are_visited_in_turn_by_repetitions(session):
     assert true_tip_m(session.arm) == pytest.approx(first_m - [0.02, 0.0, 0.0], abs=2e-3)
 
 
+def watch_time(session, action="play"):
+    """Play the program; return the time and the texts that the page shows in each cycle."""
+    watcher = session.connect(Permission.WATCH)
+    seen, frames = [], session.latest_frames(watcher)
+
+    def look(_count):
+        frames.update({frame["kind"]: frame for frame in session.controller.frames(watcher)})
+        status, left = frames["status"], frames["program_state"]["left"]
+        seen.append((session.clock.now_s(), status["activity"], status["left"], left))
+
+    assert run(session, action, on_cycle=look)["phase"] in ("done", "paused")
+    assert session.latest_frames(watcher)["status"]["left"] == ""
+    assert panel(session).state_fields()["left"] == ""
+    return seen
+
+
+def seconds(text):
+    return float(text.removeprefix("about ").removesuffix(" s left"))
+
+
+def test_time_left_of_program_counts_down_to_its_end(session):
+    for value in (60.0, -60.0):
+        teach_target(session, "wrist_roll", value)
+    add(session, "wait", wait_s=3.0)
+    seen = watch_time(session)
+    shown = [(at_s, seconds(left)) for at_s, _, _, left in seen if left]
+    end_s = seen[-1][0]
+    assert shown[-1][1] <= 1.0
+    for at_s, left_s in shown:
+        assert left_s == pytest.approx(end_s - at_s, abs=1.5)
+
+
+def test_time_left_of_each_motion_is_shown_with_its_step(session):
+    for value in (60.0, -60.0):
+        teach_target(session, "wrist_roll", value)
+    seen = watch_time(session)
+    for step in (1, 2):
+        title = f"Playing the program, step {step} of 2"
+        left = [seconds(text) for _, activity, text, _ in seen if activity == title and text]
+        assert left == sorted(left, reverse=True)
+        assert left[0] > 1.0
+        assert left[-1] == 0.0
+
+
+def test_time_left_is_empty_if_program_has_unknown_durations(session):
+    session.send_message(msg.SetProgram, speed="fast", repeat=2)
+    teach_target(session, "wrist_roll", 20.0)
+    add(session, "close")
+    teach_target(session, "wrist_roll", -20.0)
+    left = [text for *_, text in watch_time(session)]
+    known = [bool(text) for text in left]
+    assert not known[0]  # nothing has shown how long the gripper takes
+    assert known[-2]
+    conditional = panel(session).draft.steps[0].number
+    session.send_message(msg.ChangeStep, step=conditional, only_if="not grasped")
+    assert not any(text for *_, text in watch_time(session))
+
+
+def test_time_left_of_motion_is_planned_duration_less_elapsed(session):
+    session.send_message(page_messages.SetJoint, joint="wrist_roll", value=80.0)
+    session.planned()
+    planned_s, shown = session.interaction.path.plan.duration_s, []
+    go(session, lambda: shown.append(session.arm_thread.snapshot.activity.left))
+    left = [seconds(text) for text in shown if text]
+    assert left[0] == pytest.approx(planned_s, abs=0.6)
+    assert set(left) == set(range(round(planned_s) + 1))
+    assert session.latest_frames()["status"]["left"] == ""
+
+
+def test_time_left_of_program_is_not_shown_for_one_step(session):
+    add(session, "wait", wait_s=2.0)
+    add(session, "wait", wait_s=2.0)
+    assert not any(text for *_, text in watch_time(session, "step"))
+
+
+def test_time_left_is_empty_if_program_repeats_until_stopped(session):
+    session.send_message(msg.SetProgram, speed="fast", repeat="until stopped")
+    teach_target(session, "wrist_roll", 20.0)
+    seen = []
+
+    def look(count):
+        seen.append(panel(session).state_fields()["left"])
+        if count == 60:
+            session.send_message(msg.RunProgram, action="pause")
+
+    assert run(session, on_cycle=look)["phase"] == "paused"
+    assert not any(seen)
+
+
 def test_a_watcher_sees_the_program_and_cannot_change_it(session):
     watcher = session.connect(Permission.WATCH)
     with pytest.raises(BadMessageError, match="can only watch"):
@@ -523,13 +612,14 @@ def recorded(session, folder, elbow_rad=0.2):
     return joints
 
 
-def go(session):
+def go(session, look=lambda: None):
     """Execute the shown path, with heartbeats; return how long that took, s."""
     on_progress, number = session.arm_thread.on_progress, session.interaction.path.number
 
     def answer(progress):
         session.send_message(page_messages.Heartbeat, visible=True)
         on_progress(progress)
+        look()
 
     session.send_message(page_messages.ArmAction, action="execute", path=number)
     session.arm_thread.on_progress = answer

@@ -94,6 +94,7 @@ class ProgramPanel:
     def state_fields(self) -> dict[str, object]:
         """Return the progress of the program for a page."""
         state = self._state if self._play is None else self._play.state
+        now_s = self._arm_thread.arm.context.now_s()
         return {
             "kind": "program_state",
             "phase": state.phase,
@@ -103,6 +104,7 @@ class ProgramPanel:
             "problems": [
                 {"step": step, "reason": reason} for step, reason in state.problems.items()
             ],
+            "left": "" if self._play is None else self._play.left(now_s),
             "recording": self._is_recording,
             "pausing": self._play is not None and self._play.is_pausing and self._is_busy,
         }

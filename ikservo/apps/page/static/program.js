@@ -15,7 +15,7 @@ export class Program {
     this.send = send;
     this.refuse = refuse;
     this.steps = [];
-    this.state = { phase: "idle", step: null, reason: "", problems: [] };
+    this.state = { phase: "idle", step: null, reason: "", left: "", problems: [] };
     this.from = null; // number of the step to begin with; null for the first one
     this.path = "joints";
     this.movable = false;
@@ -220,6 +220,7 @@ export class Program {
     setText($("program-play"), waits ? "Continue" : start > 0 ? `Play from ${start + 1}` : "Play");
     setText($("program-state"), this.describe());
     setAttribute($("program-state"), "class", phase);
+    setText($("program-left"), this.state.left);
     for (const row of this.rows) {
       const here = row.number === step;
       const state = here && (running || waits) ? "now" : reasons.has(row.number) ? "bad" : row.number === this.from ? "next" : "";
