@@ -280,8 +280,9 @@ def _tip_m(arm: Arm, joints: Vector) -> Point:
     """Return the tip (3,), metres, base frame, at joints (n,) moved inside their limits."""
     arm.context.require_zeros()
     inside = np.clip(joints, *arm.limits())
-    x, y, z = arm.chain.forward(arm.joint_index.chain_joints(inside))[:3, 3].tolist()
-    return round(x, _TIP_PLACES), round(y, _TIP_PLACES), round(z, _TIP_PLACES)
+    tip_m = arm.chain.forward(arm.joint_index.chain_joints(inside))[:3, 3]
+    x, y, z = (round(value, _TIP_PLACES) + 0.0 for value in tip_m.tolist())  # not -0.0
+    return x, y, z
 
 
 def _format_mm(point_m: Sequence[float]) -> str:
