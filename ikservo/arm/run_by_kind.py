@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -38,26 +39,30 @@ def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | 
 
 def end_of_motion(
     context: ArmContext, preflight: PreflightPlanner, motion: MotionValue[Any], start: Vector
-) -> Vector:
-    """Compute the joints (n,) after a motion from ``start`` (n,), rad or m; nothing moves.
+) -> tuple[Vector, float]:
+    """Plan a motion from ``start`` (n,), rad or m; nothing moves.
+
+    Returns:
+        The joints (n,) at its end; its duration, in seconds, NaN if only its run can show that.
 
     Raises:
         IkservoError: The motion cannot be executed from ``start``.
     """
     match motion:
         case Wait():
-            return start
+            return start, motion.duration_s
         case MoveGripper():
             from ikservo.arm.gripper import plan_gripper  # noqa: PLC0415
 
-            return plan_gripper(context, motion, start)
+            return plan_gripper(context, motion, start), math.nan
         case OwnMotion() as own:
-            return own.end(context, start)
+            return own.end(context, start), math.nan
         case MovePose():
             inside = preflight.pose_within_limits(motion.name, start)
-            return preflight.plan(MoveJoints(inside.positions, speed=motion.speed)).goal
+            plan = preflight.plan(MoveJoints(inside.positions, speed=motion.speed))
         case _:
-            return preflight.plan(motion).goal
+            plan = preflight.plan(motion)
+    return plan.goal, plan.duration_s
 
 
 def wait(

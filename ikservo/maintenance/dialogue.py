@@ -109,11 +109,16 @@ class Progress:
     elapsed_s: float = 0.0
 
     def __str__(self) -> str:
-        share = f", {100.0 * self.done / self.total:.0f} %" if self.total else ""
-        if not (self.done and self.elapsed_s):
-            return self.text + share
+        share = f"{100.0 * self.done / self.total:.0f} %" if self.total else ""
+        return ", ".join(filter(None, (self.text, share, self.left)))
+
+    @property
+    def left(self) -> str:
+        """The remaining time, in words; empty if it cannot be estimated."""
+        if not (self.total and self.done and self.elapsed_s):
+            return ""
         left_s = self.elapsed_s / self.done * (self.total - self.done)
-        return f"{self.text}{share}, about {left_s:.0f} s left"
+        return f"about {left_s:.0f} s left"
 
 
 class Unasked(Enum):

@@ -1,10 +1,12 @@
 """The program panel: two poses taught, ordered, saved, played, stopped; judged by the servos."""
 
 import math
+import re
 
 import pytest
 from playwright.sync_api import expect
 
+from ikservo.apps.teaching.program import read_program
 from tests.browser.page_operator import Operator, serve_view, until
 from tests.browser.test_browser_page import CONTRAST, SMALL
 
@@ -102,12 +104,15 @@ def test_stopped_program_does_not_move_after_acknowledgement(empty):
     empty.until(PHASE.format("playing")).wait_for("status.mode === 'busy'")
     expect(page.locator("#add-wait")).to_be_disabled()
     expect(page.locator("#live")).to_be_disabled()
-    expect(page.locator("#mode")).to_have_text("Playing the program …")
+    expect(page.locator("#mode")).to_have_text("Playing the program, step 1 of 2 …")
+    expect(page.locator("#left")).to_have_text(re.compile(r"about \d+ s left"))
+    expect(page.locator("#program-left")).to_have_text(re.compile(r"about \d+ s left"))
     start = roll_deg(empty)
     until(lambda: abs(roll_deg(empty) - start) > 5)
     page.keyboard.press("Escape")
     empty.wait_for("status.mode === 'stopped'").until_still()
     page.wait_for_selector("#program-state:has-text('Stopped in step')")
+    expect(page.locator("#left, #program-left")).to_have_text(["", ""])
     expect(page.locator("#program-play")).to_be_disabled()
     before = empty.served.goals()
     page.wait_for_timeout(300)
@@ -144,6 +149,33 @@ def test_program_step_that_cannot_be_run_is_marked_with_reason(empty):
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.evaluate(SMALL, 24) == []
+    assert empty.errors == []
+
+
+def test_grid_is_added_and_edited_by_keyboard(empty, home):
+    page = empty.page
+    page.locator("#add-grid").press("Enter")
+    rows = page.get_by_label("Number of rows, 1 to 30, step 1")
+    rows.fill("0")
+    rows.press("Enter")
+    page.wait_for_selector("#banner-message:has-text('step 1, grid.rows: is 0')")
+    expect(rows).to_have_value("2")
+    rows.fill("5")
+    rows.press("Tab")
+    expect(page.locator("#program-steps .what")).to_contain_text("15 places")
+    distance = page.get_by_label("From one row to the next: x, y, z in mm, step 1")
+    expect(distance).to_be_focused()
+    distance.fill("0, 12.5, -1")
+    distance.press("Enter")
+    corner = page.get_by_label("The tip is at the last place of the first row, step 1")
+    expect(corner).to_have_attribute("title", "The tip is at the last place of the first row")
+    corner.press("Enter")  # the tip has not moved since
+    expect(page.locator("#program-steps [data-part=column_m]")).to_have_value("0, 0, 0")
+    page.fill("#program-name", "tray")
+    page.click("#program-save")
+    empty.until("document.getElementById('program-title').textContent === 'tray'")
+    grid = read_program(home / "programs" / "tray.toml").steps[0].grid
+    assert (grid.rows, grid.row_m) == (5, (0.0, 0.0125, -0.001))
     assert empty.errors == []
 
 

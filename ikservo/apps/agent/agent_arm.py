@@ -177,7 +177,7 @@ class AgentArm:
         preflight = PreflightPlanner(self.arm.context, planned, self.arm.poses)
         try:
             if isinstance(motion, MoveGripper | Wait):
-                end = end_of_motion(self.arm.context, preflight, motion, planned.joints)
+                end, _ = end_of_motion(self.arm.context, preflight, motion, planned.joints)
             else:
                 end = preflight.plan(motion).goal
         except IkservoError as error:

@@ -120,6 +120,14 @@ class Grid(StrictModel):
         )
         return x, y, z
 
+    def distance_m(
+        self, key: Literal["row_m", "column_m"], first_m: Point, corner_m: Point
+    ) -> Point:
+        """Return the value of a key with which the last row or column is at ``corner_m``."""
+        count = max((self.rows if key == "row_m" else self.columns) - 1, 1)
+        x, y, z = (round((b - a) / count, 6) + 0.0 for a, b in zip(first_m, corner_m, strict=True))
+        return x, y, z
+
 
 class ProgramStep(StrictModel):
     """One of the ``[[steps]]``, such as a motion, a motion of the gripper, or a wait."""
@@ -296,7 +304,7 @@ def read_program(path: Path | str) -> Program:
         FileFormatError: The program is malformed; the message names each step, from 1, and its key.
     """
     path = Path(path)
-    return _checked_program(path, read_toml(path))
+    return check_program(path, read_toml(path))
 
 
 def parse_program(text: str) -> Program:
@@ -306,10 +314,15 @@ def parse_program(text: str) -> Program:
         FileFormatError: The text is malformed; the message names each step, from 1, and its key.
     """
     path = Path("the program")
-    return _checked_program(path, parse_toml(path, text))
+    return check_program(path, parse_toml(path, text))
 
 
-def _checked_program(path: Path, tables: Mapping[str, Any]) -> Program:
+def check_program(path: Path, tables: Mapping[str, Any]) -> Program:
+    """Return the program of tables; ``path`` names it in the error.
+
+    Raises:
+        FileFormatError: The program is malformed; the message names each step, from 1, and its key.
+    """
     try:
         return Program.model_validate(tables)
     except ValidationError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,11 +33,15 @@ StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 
 @dataclass(frozen=True, slots=True)
 class StepCheck:
-    """Result of checking a step, numbered from 1; it is possible if there is no error."""
+    """Result of checking a step, numbered from 1; it is possible if there is no error.
+
+    The planned duration is NaN if only a run can show it.
+    """
 
     number: int
     step: ProgramStep
     error: IkservoError | None
+    duration_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,18 +143,21 @@ class ProgramRun:
                     "Use fewer steps or places.",
                 )
             error: IkservoError | None = None
+            duration_s = math.nan
             context = self._arm.context
             preflight = PreflightPlanner(context, start, self._poses)
             try:
                 if each.step.pause is None:
                     with self._arm.background.requested(stop_count):
                         motion = self._motion(each)
-                        start.joints = end_of_motion(context, preflight, motion, start.joints)
+                        start.joints, duration_s = end_of_motion(
+                            context, preflight, motion, start.joints
+                        )
             except StoppedError:
                 raise
             except IkservoError as refused:
                 error = refused
-            yield StepCheck(each.number, each.step, error)
+            yield StepCheck(each.number, each.step, error, duration_s)
 
     def _checked_steps(
         self, program: Program, folder: Path, begin: int, caller: int | None = None

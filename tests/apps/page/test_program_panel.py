@@ -398,6 +398,151 @@ def test_condition_pause_and_called_program_are_saved_and_played(session, own_fo
     assert degrees(session, "wrist_roll") == pytest.approx(20.0, abs=0.5)
 
 
+def change_grid(session, number, corner=None, **fields):
+    grid = panel(session).fields()["steps"][-1]["grid"] | fields
+    session.send_message(msg.ChangeStep, step=number, grid=grid, corner=corner)
+
+
+def move_joint(session, joint, value):
+    session.arm.move_joints({joint: math.radians(value)})
+    session.arm_thread.step()
+
+
+def test_grid_is_taken_from_tip_edited_and_saved(session, own_folder):
+    number = add(session, "grid")
+    first_m = np.array(panel(session).draft.steps[0].step.tip_m)
+    assert first_m == pytest.approx(true_tip_m(session.arm), abs=2e-3)
+    assert panel(session).fields()["steps"][0]["text"].endswith("6 places")
+    change_grid(session, number, rows=4, columns=5)
+    change_grid(session, number, column_m=[0.03, 0.0, 0.005])
+    move_joint(session, "shoulder_pan", 12.0)
+    change_grid(session, number, corner="row_m")
+    session.send_message(msg.ProgramFile, action="save", name="tray")
+    grid = read_program(own_folder / "tray.toml").steps[0].grid
+    assert (grid.rows, grid.columns, grid.column_m) == (4, 5, (0.03, 0.0, 0.005))
+    last_m = np.array(grid.place_m(first_m, 16))  # first place of the last row
+    assert last_m == pytest.approx(true_tip_m(session.arm), abs=2e-3)
+    change_grid(session, number, corner="tip_m")
+    assert panel(session).draft.steps[0].step.tip_m == pytest.approx(tuple(last_m), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"rows": 0}, r"step 2, grid.rows: is 0; expected rows and columns from 1 to 30"),
+        ({"rows": 1000, "columns": 1000}, r"step 2, grid.rows: is 1000; expected rows"),
+        ({"columns": "many"}, r'step 2, grid.columns: is "many"'),
+        ({"row_m": [0.0, "far", 0.0]}, r'step 2, grid.row_m\[1\]: is "far"'),
+        ({"row_m": [0.0, 0.0]}, r"step 2, grid.row_m\[2\]: is missing"),
+    ],
+)
+def test_bad_grid_gets_sentence_of_program_and_changes_nothing(session, fields, words):
+    add(session, "wait")
+    number = add(session, "grid")
+    before = panel(session).draft.steps
+    with pytest.raises(BadMessageError, match=words):
+        change_grid(session, number, **fields)
+    assert panel(session).draft.steps == before
+
+
+def test_grid_places_are_visited_in_turn_by_repetitions(session):
+    number = add(session, "grid", path="line")
+    change_grid(session, number, rows=1, columns=2, column_m=[-0.02, 0.0, 0.0])
+    first_m = np.array(panel(session).draft.steps[0].step.tip_m)
+    session.send_message(msg.SetProgram, speed="fast", repeat=2)
+    assert run(session)["phase"] == "done"
+    assert true_tip_m(session.arm) == pytest.approx(first_m - [0.02, 0.0, 0.0], abs=2e-3)
+
+
+def watch_time(session, action="play"):
+    """Play the program; return the time and the texts that the page shows in each cycle."""
+    watcher = session.connect(Permission.WATCH)
+    seen, frames = [], session.latest_frames(watcher)
+
+    def look(_count):
+        frames.update({frame["kind"]: frame for frame in session.controller.frames(watcher)})
+        status, left = frames["status"], frames["program_state"]["left"]
+        seen.append((session.clock.now_s(), status["activity"], status["left"], left))
+
+    assert run(session, action, on_cycle=look)["phase"] in ("done", "paused")
+    assert session.latest_frames(watcher)["status"]["left"] == ""
+    assert panel(session).state_fields()["left"] == ""
+    return seen
+
+
+def seconds(text):
+    return float(text.removeprefix("about ").removesuffix(" s left"))
+
+
+def test_time_left_of_program_counts_down_to_its_end(session):
+    for value in (60.0, -60.0):
+        teach_target(session, "wrist_roll", value)
+    add(session, "wait", wait_s=3.0)
+    seen = watch_time(session)
+    shown = [(at_s, seconds(left)) for at_s, _, _, left in seen if left]
+    end_s = seen[-1][0]
+    assert shown[-1][1] <= 1.0
+    for at_s, left_s in shown:
+        assert left_s == pytest.approx(end_s - at_s, abs=1.5)
+
+
+def test_time_left_of_each_motion_is_shown_with_its_step(session):
+    for value in (60.0, -60.0):
+        teach_target(session, "wrist_roll", value)
+    seen = watch_time(session)
+    for step in (1, 2):
+        title = f"Playing the program, step {step} of 2"
+        left = [seconds(text) for _, activity, text, _ in seen if activity == title and text]
+        assert left == sorted(left, reverse=True)
+        assert left[0] > 1.0
+        assert left[-1] == 0.0
+
+
+def test_time_left_is_empty_if_program_has_unknown_durations(session):
+    session.send_message(msg.SetProgram, speed="fast", repeat=2)
+    teach_target(session, "wrist_roll", 20.0)
+    add(session, "close")
+    teach_target(session, "wrist_roll", -20.0)
+    left = [text for *_, text in watch_time(session)]
+    known = [bool(text) for text in left]
+    assert not known[0]  # nothing has shown how long the gripper takes
+    assert known[-2]
+    conditional = panel(session).draft.steps[0].number
+    session.send_message(msg.ChangeStep, step=conditional, only_if="not grasped")
+    assert not any(text for *_, text in watch_time(session))
+
+
+def test_time_left_of_motion_is_planned_duration_less_elapsed(session):
+    session.send_message(page_messages.SetJoint, joint="wrist_roll", value=80.0)
+    session.planned()
+    planned_s, shown = session.interaction.path.plan.duration_s, []
+    go(session, lambda: shown.append(session.arm_thread.snapshot.activity.left))
+    left = [seconds(text) for text in shown if text]
+    assert left[0] == pytest.approx(planned_s, abs=0.6)
+    assert set(left) == set(range(round(planned_s) + 1))
+    assert session.latest_frames()["status"]["left"] == ""
+
+
+def test_time_left_of_program_is_not_shown_for_one_step(session):
+    add(session, "wait", wait_s=2.0)
+    add(session, "wait", wait_s=2.0)
+    assert not any(text for *_, text in watch_time(session, "step"))
+
+
+def test_time_left_is_empty_if_program_repeats_until_stopped(session):
+    session.send_message(msg.SetProgram, speed="fast", repeat="until stopped")
+    teach_target(session, "wrist_roll", 20.0)
+    seen = []
+
+    def look(count):
+        seen.append(panel(session).state_fields()["left"])
+        if count == 60:
+            session.send_message(msg.RunProgram, action="pause")
+
+    assert run(session, on_cycle=look)["phase"] == "paused"
+    assert not any(seen)
+
+
 def test_a_watcher_sees_the_program_and_cannot_change_it(session):
     watcher = session.connect(Permission.WATCH)
     with pytest.raises(BadMessageError, match="can only watch"):
@@ -467,13 +612,14 @@ def recorded(session, folder, elbow_rad=0.2):
     return joints
 
 
-def go(session):
+def go(session, look=lambda: None):
     """Execute the shown path, with heartbeats; return how long that took, s."""
     on_progress, number = session.arm_thread.on_progress, session.interaction.path.number
 
     def answer(progress):
         session.send_message(page_messages.Heartbeat, visible=True)
         on_progress(progress)
+        look()
 
     session.send_message(page_messages.ArmAction, action="execute", path=number)
     session.arm_thread.on_progress = answer

@@ -111,7 +111,7 @@ class ArmSnapshot:
         refusal: The last goal that was refused in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
-        activity: The title of the running job; empty if no job is running.
+        activity: The running job and the time of its present motion; None if no job is running.
     """
 
     measured: Vector
@@ -125,4 +125,4 @@ class ArmSnapshot:
     refusal: GoalRefusal | None = None
     messages: tuple[LogEntry, ...] = ()
     calibration: CalibrationView | None = None
-    activity: str = ""
+    activity: Progress | None = None

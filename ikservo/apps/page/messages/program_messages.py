@@ -5,7 +5,7 @@ Each step has a number, which it keeps when other steps are added, moved or remo
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -21,8 +21,9 @@ class AddStep(PageMessage):
     """Add a step.
 
     Attributes:
-        what: The present joint positions, those of the shown target, a named pose, a recording, the
-            gripper, a wait, a pause until a person continues, or another program.
+        what: The present joint positions, those of the shown target, a grid whose first place is
+            the present tip, a named pose, a recording, the gripper, a wait, a pause until a person
+            continues, or another program.
         path: The path to the present pose or the target: a joint motion, or a line of the tip.
         pose: The name of a named pose.
         recording: The name of a recording in the folder of the programs.
@@ -32,7 +33,9 @@ class AddStep(PageMessage):
     """
 
     kind: Literal["add_step"]
-    what: Literal["arm", "target", "pose", "recording", "program", "open", "close", "wait", "pause"]
+    what: Literal[
+        "arm", "target", "grid", "pose", "recording", "program", "open", "close", "wait", "pause"
+    ]
     path: Literal["joints", "line"] = "joints"
     pose: Name | None = None
     recording: Name | None = None
@@ -49,6 +52,9 @@ class ChangeStep(PageMessage):
         wait_s: The duration of a wait; None for other steps.
         pause: The task of the person in a pause; None for other steps.
         only_if: The condition under which the step runs; None for always.
+        grid: The grid as in a program file, which checks it; None for other steps.
+        corner: The key of the step or its grid that is taken from the present tip: the first place,
+            or the distance to the next row or column, if the tip is at the last one.
     """
 
     kind: Literal["change_step"]
@@ -57,6 +63,8 @@ class ChangeStep(PageMessage):
     wait_s: Wait | None = None
     pause: Label | None = None
     only_if: Literal["grasped", "not grasped"] | None = None
+    grid: dict[str, Any] | None = None
+    corner: Literal["tip_m", "row_m", "column_m"] | None = None
 
 
 class MoveStep(PageMessage):

@@ -14,6 +14,7 @@ from ikservo.apps.teaching.program import (
     ProgramStep,
     Repeat,
     Speed,
+    check_program,
     read_program,
     write_program,
 )
@@ -108,15 +109,19 @@ class ProgramDraft:
 
         Raises:
             InputError: The step no longer exists, or has no such value.
+            FileFormatError: A program cannot have such a step.
         """
         place = self.place_of(number)
         old = self.steps[place].step
-        for key in ("wait_s", "pause"):
+        for key in ("wait_s", "pause", "grid"):
             if (values[key] is None) != (getattr(old, key) is None):
                 raise InputError("This step has another action.", "Nothing was changed.")
         if speed is not None and not old.has_speed:
             raise InputError("This step has no speed.", "Nothing was changed.")
-        new = old.model_copy(update={"speed": speed, **values})
+        steps: list[object] = [each.step for each in self.steps]
+        steps[place] = old.model_dump(exclude_defaults=True) | {"speed": speed, **values}
+        tables = {"format": 1, "arm": self._arm, "steps": steps}
+        new = check_program(Path("the program"), tables).steps[place]
         changed = replace(self.steps[place], step=new)
         self._set_steps((*self.steps[:place], changed, *self.steps[place + 1 :]))
 

@@ -17,7 +17,7 @@ from ikservo.apps.page.running.program_play import PlayState, ProgramPlay
 from ikservo.apps.page.running.record_job import RecordArm
 from ikservo.apps.page.server.message_age_and_rate import Client
 from ikservo.apps.page.server.server import Frame
-from ikservo.apps.teaching.program import ProgramStep
+from ikservo.apps.teaching.program import Grid, Point, ProgramStep
 from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm import Arm
 from ikservo.arm.own_motion import OwnMotion
@@ -26,6 +26,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motions import MotionValue
 
 _DEG_PLACES, _M_PLACES, _TIP_PLACES = 2, 5, 4
+_NEW_GRID = Grid(rows=2, columns=3, row_m=(0.0, 0.04, 0.0), column_m=(0.04, 0.0, 0.0))
 
 
 class ProgramPanel:
@@ -93,6 +94,7 @@ class ProgramPanel:
     def state_fields(self) -> dict[str, object]:
         """Return the progress of the program for a page."""
         state = self._state if self._play is None else self._play.state
+        now_s = self._arm_thread.arm.context.now_s()
         return {
             "kind": "program_state",
             "phase": state.phase,
@@ -102,6 +104,7 @@ class ProgramPanel:
             "problems": [
                 {"step": step, "reason": reason} for step, reason in state.problems.items()
             ],
+            "left": "" if self._play is None else self._play.left(now_s),
             "recording": self._is_recording,
             "pausing": self._play is not None and self._play.is_pausing and self._is_busy,
         }
@@ -122,6 +125,7 @@ class ProgramPanel:
                     "wait_s": each.step.wait_s,
                     "pause": each.step.pause,
                     "only_if": each.step.only_if,
+                    "grid": each.step.grid and each.step.grid.model_dump(),
                 }
                 for each in draft.steps
             ],
@@ -161,13 +165,9 @@ class ProgramPanel:
             case msg.AddStep():
                 draft.add(self._make_step(message, interaction.goal), message.after)
             case msg.ChangeStep():
-                draft.change(
-                    message.step,
-                    speed=message.speed,
-                    wait_s=message.wait_s,
-                    pause=message.pause,
-                    only_if=message.only_if,
-                )
+                keys = {"speed", "wait_s", "pause", "only_if", "grid"}
+                values = message.model_dump(include=keys) | self._corner_fields(message)
+                draft.change(message.step, **values)
             case msg.MoveStep():
                 draft.move(message.step, message.to)
             case msg.DeleteStep():
@@ -210,6 +210,17 @@ class ProgramPanel:
     def _is_recording(self) -> bool:
         return self._recording is not None and self._arm_thread.job is self._recording
 
+    def _corner_fields(self, message: msg.ChangeStep) -> dict[str, Any]:
+        """Return the fields of a grid step that the present tip gives."""
+        step = self.draft.steps[self.draft.place_of(message.step)].step
+        if message.corner is None or step.grid is None or step.tip_m is None:
+            return {}
+        tip_m = _tip_m(self._arm_thread.arm, self._arm_thread.snapshot.measured)
+        if message.corner == "tip_m":
+            return {"tip_m": tip_m}
+        distance_m = step.grid.distance_m(message.corner, step.tip_m, tip_m)
+        return {"grid": step.grid.model_dump() | {message.corner: distance_m}}
+
     def _make_step(self, message: msg.AddStep, goal: Vector | None) -> ProgramStep:
         arm = self._arm_thread.arm
         match message.what:
@@ -232,6 +243,9 @@ class ProgramPanel:
             case "recording":
                 name = self.draft.folder.recording_file(message.recording or "")
                 return ProgramStep(recording=name)
+            case "grid":
+                tip_m = _tip_m(arm, self._arm_thread.snapshot.measured)
+                return ProgramStep(tip_m=tip_m, path=message.path, grid=_NEW_GRID)
             case "target" if goal is None:
                 raise InputError("No target is shown.", "Drag the arm or click a point first.")
             case _:
@@ -242,13 +256,11 @@ class ProgramPanel:
 
 def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
     """Make the step that moves the arm to joints (n,) and leaves the gripper unchanged."""
+    if path == "line":
+        return ProgramStep(tip_m=_tip_m(arm, joints), path="line")
     arm.context.require_zeros()
     lower, upper = arm.limits()
     inside = np.clip(joints, lower, upper)  # a limp arm may sink a little past a limit
-    if path == "line":
-        tip_m = arm.chain.forward(arm.joint_index.chain_joints(inside))[:3, 3]
-        x, y, z = (round(value, _TIP_PLACES) for value in tip_m.tolist())
-        return ProgramStep(tip_m=(x, y, z), path="line")
     deg: dict[str, float] = {}
     m: dict[str, float] = {}
     for name in arm.chain.names:
@@ -262,6 +274,15 @@ def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
         at = round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
         (m if slides else deg)[name] = at
     return ProgramStep(deg=deg, m=m)
+
+
+def _tip_m(arm: Arm, joints: Vector) -> Point:
+    """Return the tip (3,), metres, base frame, at joints (n,) moved inside their limits."""
+    arm.context.require_zeros()
+    inside = np.clip(joints, *arm.limits())
+    tip_m = arm.chain.forward(arm.joint_index.chain_joints(inside))[:3, 3]
+    x, y, z = (round(value, _TIP_PLACES) + 0.0 for value in tip_m.tolist())  # not -0.0
+    return x, y, z
 
 
 def _format_mm(point_m: Sequence[float]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -45,6 +46,7 @@ from ikservo.errors import (
     StoppedError,
 )
 from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.dialogue import Progress
 from ikservo.planning.reports import describe_alarms
 from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
@@ -233,8 +235,13 @@ class ArmThread:
     def on_progress(self, progress: MotionProgress) -> None:
         """Store the positions of a job's motion; stop it if the page is silent."""
         now_s = self._clock.now_s()
-        measured, reference = progress.joints_rad.copy(), progress.setpoints_rad.copy()
-        self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
+        self.snapshot = replace(
+            self.snapshot,
+            measured=progress.joints_rad.copy(),
+            read_s=now_s,
+            reference=progress.setpoints_rad.copy(),
+            activity=self._activity(progress.elapsed_s, progress.duration_s),
+        )
         self._take_telemetry(now_s)
         self._record_history()
         self._require_heartbeat()
@@ -247,7 +254,8 @@ class ArmThread:
         """
         self._require_heartbeat()
         self.arm.context.servos.check_stop()
-        self.snapshot = replace(self._update_positions(), reference=None)
+        now = self._update_positions()
+        self.snapshot = replace(now, reference=None, activity=self._activity())
         self._record_history()
 
     def on_guided(self, measured: Vector) -> None:
@@ -363,12 +371,19 @@ class ArmThread:
         self._running_job, self._waiting_job = self._waiting_job, None
         if self._running_job is None:  # a stop came in between
             return
-        self.snapshot = replace(self.snapshot, activity=self._running_job.title)
+        self.snapshot = replace(self.snapshot, activity=self._activity())
         try:
             self._running_job.run(self.arm, self)
         finally:
             self._running_job = None
-            self.snapshot = replace(self.snapshot, activity="", reference=None)
+            self.snapshot = replace(self.snapshot, activity=None, reference=None)
+
+    def _activity(self, elapsed_s: float = 0.0, duration_s: float = 0.0) -> Progress | None:
+        """Return the running job, with the time of its present motion."""
+        if self._running_job is None:
+            return None
+        total_s = duration_s if math.isfinite(duration_s) else 0.0
+        return Progress(self._running_job.title, elapsed_s, total_s, elapsed_s)
 
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
         """Read the arm's state while no session runs; log servos that lost torque by themselves."""

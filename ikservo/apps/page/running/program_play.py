@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -13,6 +14,7 @@ from ikservo.apps.teaching.program import Program
 from ikservo.apps.teaching.program_run import ProgramRun
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError
+from ikservo.maintenance.dialogue import Progress
 from ikservo.planning.motions import Wait
 
 Phase = Literal["idle", "checking", "ok", "playing", "waiting", "paused", "stopped", "bad", "done"]
@@ -64,15 +66,30 @@ class ProgramPlay:
         action: Literal["check", "play", "step"],
     ) -> None:
         self._program, self._numbers, self._folder = program, numbers, folder
-        self._first, self._action = first, action
+        self._first, self._index, self._action = first, first, action
         self._pausing, self._continuing = threading.Event(), threading.Event()
         self._repetition, self._has_grasped = 1, False
+        self._seconds = [math.nan] * len(numbers)  # of each step: planned, or measured once
+        self._done_s = self._began_s = self._step_began_s = 0.0
         self.state = PlayState("checking", numbers[first])
 
     @property
     def title(self) -> str:
         """Activity of the arm, in a few words."""
-        return "Checking the program" if self._action == "check" else "Playing the program"
+        if self._action == "check":
+            return "Checking the program"
+        step = f", step {self._index + 1} of {len(self._numbers)}"
+        return f"Playing the program{step if self.state.phase == 'playing' else ''}"
+
+    def left(self, now_s: float) -> str:
+        """Return the time left of the whole program, in words; empty if that is not known."""
+        later = self._program.repetitions - self._repetition
+        total_s = sum(self._seconds[self._first :]) + (later and later * sum(self._seconds))
+        done_s = self._done_s + min(now_s - self._step_began_s, self._seconds[self._index])
+        is_known = self.state.phase == "playing" and math.isfinite(total_s + done_s)
+        if not is_known or self._action == "step":
+            return ""
+        return Progress("", done_s, total_s, now_s - self._began_s).left
 
     @property
     def is_pausing(self) -> bool:
@@ -89,7 +106,7 @@ class ProgramPlay:
 
     def continue_from(self, before: ProgramPlay, number: int | None) -> None:
         """Begin in the repetition in which a previous play paused or stopped at the step."""
-        self._has_grasped = before._has_grasped
+        self._has_grasped, self._seconds = before._has_grasped, before._seconds
         if number is not None and number == before.state.step and before.state.phase != "bad":
             self._repetition = before.state.repetition
 
@@ -115,7 +132,7 @@ class ProgramPlay:
             return
         try:
             if self._check(run, observer) and self._action != "check":
-                self._play(run, observer)
+                self._play(run, observer, arm.context.now_s)
         except IkservoError as error:
             self.state = replace(self.state, phase="stopped", reason=error.message)
             raise
@@ -129,6 +146,9 @@ class ProgramPlay:
                     break
                 observer.on_idle()
                 self._note_step(check.number - 1, "checking")
+                step = self._program.steps[check.number - 1]
+                if not (step.program or step.only_if or math.isnan(check.duration_s)):
+                    self._seconds[check.number - 1] = check.duration_s
                 if check.error is not None:
                     problems.setdefault(check.number - 1, check.error.message)
         except BusError:
@@ -145,16 +165,19 @@ class ProgramPlay:
         self._note_step(self._first, "ok")
         return True
 
-    def _play(self, run: ProgramRun, observer: JobObserver) -> None:
+    def _play(self, run: ProgramRun, observer: JobObserver, now_s: Callable[[], float]) -> None:
+        self._began_s = now_s()
         for made, each in enumerate(run.steps(self._first + 1, self._repetition)):
             is_next = each.number - 1 != self._first or each.repetition != self._repetition
             if (is_next and self._action == "step") or (made and self._pausing.is_set()):
                 self._note_step(each.number - 1, "paused", each.repetition)
                 return
             if each.step.pause is None:
+                self._step_began_s = now_s()
                 self._note_step(each.number - 1, "playing", each.repetition)
                 run.run_step(each, observer.on_progress)
                 self._has_grasped = run.has_grasped
+                self._note_duration(each.number - 1, now_s() - self._step_began_s)
             else:
                 self._continuing.clear()
                 number = self._numbers[each.number - 1]
@@ -163,5 +186,12 @@ class ProgramPlay:
                     run.wait(Wait(_POLL_S))
         self._note_step(0, "done")
 
+    def _note_duration(self, index: int, measured_s: float) -> None:
+        step = self._program.steps[index]
+        if math.isnan(self._seconds[index]) and not (step.program or step.only_if):
+            self._seconds[index] = measured_s
+        self._done_s += self._seconds[index]
+
     def _note_step(self, index: int, phase: Phase, repetition: int = 1) -> None:
+        self._index = index
         self.state = PlayState(phase, self._numbers[index], repetition)

@@ -84,6 +84,7 @@ export class Panel {
     const inControl = status.controller === "you";
     document.body.toggleAttribute("data-refused", status.refused);
     setText($("mode"), this.describeMode(status) + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · another page is in control" : " · you watch"));
+    setText($("left"), status.left);
     this.showControls(status, inControl);
     this.showBanner();
     const movable = inControl && (status.mode === "preview" || status.mode === "live");
@@ -141,6 +142,7 @@ export class Panel {
   // Without the server, the last known torque tells what the arm does now.
   showOffline({ message, hint }) {
     setText($("mode"), MODES[document.body.dataset.mode]);
+    setText($("left"), "");
     this.offline = { message, hint: hint || describeAlone(this.status) };
     this.showBanner();
   }

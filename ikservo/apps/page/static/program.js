@@ -15,7 +15,7 @@ export class Program {
     this.send = send;
     this.refuse = refuse;
     this.steps = [];
-    this.state = { phase: "idle", step: null, reason: "", problems: [] };
+    this.state = { phase: "idle", step: null, reason: "", left: "", problems: [] };
     this.from = null; // number of the step to begin with; null for the first one
     this.path = "joints";
     this.movable = false;
@@ -26,6 +26,7 @@ export class Program {
     const add = (id, fields) => { $(id).onclick = () => this.send("add_step", fields()); };
     add("add-arm", () => ({ what: "arm", path: this.path }));
     add("add-target", () => ({ what: "target", path: this.path }));
+    add("add-grid", () => ({ what: "grid", path: this.path }));
     add("add-open", () => ({ what: "open" }));
     add("add-close", () => ({ what: "close" }));
     add("add-wait", () => ({ what: "wait" }));
@@ -128,9 +129,9 @@ export class Program {
     if (focused) $("program-steps").querySelector(`li[data-step="${focused.step}"] [data-part="${focused.part}"]`)?.focus();
   }
 
-  createRow({ number, text, title, action, has_speed, speed, wait_s, pause, only_if }, i) {
+  createRow({ number, text, title, action, has_speed, speed, wait_s, pause, only_if, grid }, i) {
     const place = i + 1;
-    const change = (fields) => this.send("change_step", { step: number, speed, wait_s, pause, only_if, ...fields });
+    const change = (fields) => this.send("change_step", { step: number, speed, wait_s, pause, only_if, grid, ...fields });
     const part = (name, attributes, content) => createElement("button", { type: "button", "data-part": name, ...attributes }, content);
     const grip = part("grip", { class: "grip", "aria-label": `Move step ${place}: arrow up, arrow down`, title: "Drag, or arrow keys" }, "⠿");
     grip.onpointerdown = (event) => this.startDrag(event, number);
@@ -141,7 +142,7 @@ export class Program {
     const reason = createElement("span", { class: "reason", hidden: true });
     const option = action === "wait_s" ? this.createWait(place, wait_s, change) : action === "pause" ? createPause(place, pause, change) : has_speed ? createSpeed(place, speed, change) : null;
     const options = createElement("span", { class: "options" }, ...[option, createCondition(place, only_if, change)].filter(Boolean));
-    return { number, place, begin, reason, element: createElement("li", { "data-step": number }, grip, begin, words, options, remove, reason) };
+    return { number, place, begin, reason, element: createElement("li", { "data-step": number }, grip, begin, words, options, remove, grid && createGrid(place, grid, change), reason) };
   }
 
   createWait(place, wait_s, change) {
@@ -219,6 +220,7 @@ export class Program {
     setText($("program-play"), waits ? "Continue" : start > 0 ? `Play from ${start + 1}` : "Play");
     setText($("program-state"), this.describe());
     setAttribute($("program-state"), "class", phase);
+    setText($("program-left"), this.state.left);
     for (const row of this.rows) {
       const here = row.number === step;
       const state = here && (running || waits) ? "now" : reasons.has(row.number) ? "bad" : row.number === this.from ? "next" : "";
@@ -264,6 +266,25 @@ function createPause(place, pause, change) {
   const field = createElement("input", { type: "text", class: "pause", maxlength: 80, "data-part": "option", "aria-label": `What to do in step ${place}`, value: pause });
   field.onchange = () => (field.value.trim() ? change({ pause: field.value.trim() }) : (field.value = pause));
   return field;
+}
+
+// The server checks the fields as in a program file, and takes a corner from the present tip.
+function createGrid(place, grid, change) {
+  const parse = (text, unit) => (Number.isFinite(Number(text || NaN)) ? Number(text) / unit : text);
+  const field = (key, title, shown, read) => createElement("input", { type: "text", "data-part": key, title, "aria-label": `${title}, step ${place}`, value: shown, onchange: ({ target }) => {
+    change({ grid: { ...grid, [key]: read(target.value.trim()) } });
+    target.value = shown; // until the server has accepted the new value
+  } });
+  const count = (key, title) => field(key, title, grid[key], (text) => parse(text, 1));
+  const distance = (key, title) => field(key, title, grid[key].map((m) => Number((1000 * m).toFixed(2))).join(", "), (text) => text.split(/[,;\s]+/).map((mm) => parse(mm, 1000)));
+  const corner = (key, label, title) => createElement("button", { type: "button", class: "ghost small", "data-part": `corner-${key}`, title, "aria-label": `${title}, step ${place}`, onclick: () => change({ corner: key }) }, label);
+  return createElement("div", { class: "grid", role: "group", "aria-label": `Grid of step ${place}` },
+    "Rows", count("rows", "Number of rows, 1 to 30"), distance("row_m", "From one row to the next: x, y, z in mm"), createElement("span", {}, "mm"),
+    "Columns", count("columns", "Number of columns, 1 to 30"), distance("column_m", "From one column to the next: x, y, z in mm"), createElement("span", {}, "mm"),
+    createElement("div", { class: "corners" }, "Tip is at",
+      corner("tip_m", "First place", "The tip is at the first place of the first row"),
+      corner("row_m", "Last row", "The tip is at the first place of the last row"),
+      corner("column_m", "Last column", "The tip is at the last place of the first row")));
 }
 
 function createSpeed(place, speed, change) {
