@@ -9,7 +9,6 @@ import os
 import threading
 import time
 import weakref
-from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
@@ -50,18 +49,18 @@ class Stoppable(Protocol):
 
 
 class Turns:
-    """A re-entrant lock that is held in the order in which its holders have queued.
+    """A re-entrant lock that is granted in the order of requests.
 
-    A plain lock wakes any of the threads that wait, and motions would change their order.
+    A plain lock may wake any waiting thread, so motions could run out of order.
     """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._queue: deque[object] = deque()  # the first one's turn it is
+        self._queue: list[object] = []  # the first holder has the turn
         self._thread: int | None = None  # the thread that holds the lock
 
     def enqueue(self, holder: object) -> None:
-        """Add somebody to the end of the queue; ``hold`` or ``leave`` must follow."""
+        """Append a holder to the queue; ``hold`` or ``leave`` must follow."""
         with self._changed:
             self._queue.append(holder)
 
@@ -84,7 +83,7 @@ class Turns:
             if not queued:
                 self.enqueue(holder)
             with self._changed:
-                self._changed.wait_for(lambda: self._queue[0] is holder)
+                self._changed.wait_for(lambda: self._queue[:1] == [holder])
             self._thread = thread
             yield
         finally:
@@ -119,7 +118,7 @@ class RunningMotion(Generic[T]):
         self._turns.enqueue(self)
         try:
             self._thread.start()
-        except BaseException:  # for example, the process has too many threads
+        except Exception:  # the process has too many threads
             self._turns.leave(self)
             self._finished.set()
             raise

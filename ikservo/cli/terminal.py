@@ -175,8 +175,32 @@ def print_text(text: str) -> None:
     sys.stdout.flush()
 
 
+class ProgressLine:
+    """The last line of stderr, if it is a terminal: the present action, until another text."""
+
+    def __init__(self) -> None:
+        self._is_shown = False
+
+    def show(self, text: str) -> None:
+        """Show the present action."""
+        if sys.stderr.isatty():
+            self._is_shown = True
+            print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
+
+    def clear(self) -> None:
+        """Remove the line."""
+        if self._is_shown:
+            self._is_shown = False
+            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
+
+
+PROGRESS_LINE = ProgressLine()
+"""The line that ``print_status`` removes before it prints."""
+
+
 def print_status(message: str) -> None:
     """Print a message for the user on stderr."""
+    PROGRESS_LINE.clear()
     print(fold_for_stream(message, sys.stderr), file=sys.stderr)  # noqa: T201
 
 

@@ -18,8 +18,16 @@ from rich.text import Text
 
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.cli.options import YesOption
-from ikservo.cli.terminal import Keys, confirm, open_console, print_status, read_answer, read_keys
-from ikservo.errors import IkservoError, InputError, printable
+from ikservo.cli.terminal import (
+    PROGRESS_LINE,
+    Keys,
+    confirm,
+    open_console,
+    print_status,
+    read_answer,
+    read_keys,
+)
+from ikservo.errors import IkservoError, InputError
 from ikservo.maintenance.dialogue import (
     ACCEPT,
     Entry,
@@ -85,7 +93,7 @@ class Operator:
                 if isinstance(item, HandRequest):
                     answer = screen.show_and_answer(item)
                 elif isinstance(item, Progress):
-                    screen.overwrite(str(item))
+                    PROGRESS_LINE.show(str(item))
                 else:
                     screen.close()
                     if isinstance(item, Notice):
@@ -155,7 +163,6 @@ class _RequestScreen:
         self._live: Live | None = None
         self._line = ""
         self._error: IkservoError | None = None
-        self._overwrites = False
         self._updates = 0
         self._size: ConsoleDimensions | None = None
 
@@ -163,15 +170,7 @@ class _RequestScreen:
         """Release the keyboard and the screen until the next request."""
         self._open.close()
         self._keys = self._live = None
-        if self._overwrites:
-            self._overwrites = False
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
-
-    def overwrite(self, text: str) -> None:
-        """Show the present action on its own line, if stderr is a terminal."""
-        if sys.stderr.isatty():
-            self._overwrites = True
-            print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
+        PROGRESS_LINE.clear()
 
     def show_and_answer(self, request: HandRequest) -> str | None:
         """Show a request; return the answer if there is one."""

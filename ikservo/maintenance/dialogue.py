@@ -118,7 +118,7 @@ class Progress:
         if not (self.total and self.done and self.elapsed_s):
             return ""
         left_s = self.elapsed_s / self.done * (self.total - self.done)
-        return f"about {left_s:.0f} s left"
+        return f"about {max(left_s, 0.0):.0f} s left"
 
 
 class Unasked(Enum):

@@ -237,6 +237,21 @@ def test_thread_that_cannot_start_leaves_the_queue(arm, monkeypatch):
     assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 
+def test_ctrl_c_as_a_motion_starts_does_not_give_its_turn_away(arm, monkeypatch):
+    start = threading.Thread.start
+
+    def start_and_interrupt(thread):
+        start(thread)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", start_and_interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            arm.move_joints({"shoulder_pan": 0.1}, wait=False)
+    assert arm.move_joints({"wrist_roll": 0.1}).reached
+    assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.1, abs=0.01)
+
+
 @pytest.mark.full
 def test_blocking_motion_waits_for_background_motion(arm):
     motion, gate = begun(arm, pan=0.3)

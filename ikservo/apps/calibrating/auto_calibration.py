@@ -291,7 +291,8 @@ class AutoCalibration:
         names = frozenset(subject.name for subject in state.subjects)
         self.state = replace(state, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
-        self._done, self._began_s = 0, 0.0  # number of earlier ends, and the start of the search
+        # The joint, the ends that were searched for, all ends to be searched, and when it began.
+        self._number, self._done, self._ends, self._began_s = 1, 0, 0, 0.0
 
     def run(self) -> Dialogue[CalibrationState]:
         """Show each joint's direction, search for the stops, and return the state for review.
@@ -319,8 +320,9 @@ class AutoCalibration:
         """
         self._began_s = self._loose.bus.clock.now_s()
         with self.arm.runner.requested():
-            for number, subject in enumerate(reversed(self.state.subjects)):
-                self._done = 2 * number
+            self._ends = 2 * sum(can_probe(each, self.state) for each in self.state.subjects)
+            for number, subject in enumerate(reversed(self.state.subjects), 1):
+                self._number = number
                 if can_probe(subject, self.state):
                     yield from self._sweep_joint(subject)
                 elif subject.known is not None:
@@ -348,7 +350,9 @@ class AutoCalibration:
     def _sweep_joint(self, subject: JointUnderCalibration) -> Dialogue[None]:
         lower_end, upper_end = range_ends(subject)
         lower = yield from self._find_end_stop(lower_end, subject)
+        self._done += 1
         upper = yield from self._find_end_stop(upper_end, subject)
+        self._done += 1
         if isinstance(lower, float) and isinstance(upper, float):
             track = self.state.tracks[subject.servo_id]
             self._measured.add_joint(subject, TickRange(track.low, track.high))
@@ -385,11 +389,9 @@ class AutoCalibration:
             return error.message
         near = subject.joint_map.format(end.expected)
         what = f"{end.joint}: searching for its end stop near {near}"
-        total = len(self.state.subjects)
-        yield Notice(f"{what} (joint {self._done // 2 + 1} of {total}).")
+        yield Notice(f"{what} (joint {self._number} of {len(self.state.subjects)}).")
         since_s = self._loose.bus.clock.now_s() - self._began_s
-        yield Progress(what, self._done, 2 * total, since_s)
-        self._done += 1
+        yield Progress(what, self._done, self._ends, since_s)
         for posture in path:
             self._move_to_posture(posture)
         found = self._press_against(end, subject, _TORQUE_FRACTIONS[0])

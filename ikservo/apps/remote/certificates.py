@@ -124,7 +124,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
 def _sign(
     authority: _Signed | None, subject: str, names: Sequence[str], lifetime: datetime.timedelta
 ) -> _Signed:
-    """Return a certificate signed by the authority; without one, a new authority's own."""
+    """Return a certificate signed by an authority, or a new authority's self-signed one."""
     from cryptography import x509  # noqa: PLC0415  # from an extra
     from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
     from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415

@@ -123,7 +123,7 @@ class Grid(StrictModel):
     def distance_m(
         self, key: Literal["row_m", "column_m"], first_m: Point, corner_m: Point
     ) -> Point:
-        """Return the value of a key with which the last row or column is at ``corner_m``."""
+        """Return the row or column spacing that puts the last one at ``corner_m``."""
         count = max((self.rows if key == "row_m" else self.columns) - 1, 1)
         x, y, z = (round((b - a) / count, 6) + 0.0 for a, b in zip(first_m, corner_m, strict=True))
         return x, y, z

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -32,9 +32,6 @@ from ikservo.ik import Result, Target, solve
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.tool import tool_frame
-
-if TYPE_CHECKING:
-    pass
 
 _METHODS = "auto, bounded, closed_form, pseudo_inverse, transpose or ccd."
 

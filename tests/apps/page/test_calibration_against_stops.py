@@ -10,6 +10,7 @@ from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
 from ikservo.maintenance.direction_check import directions_confirmed
 from ikservo.model import load_model
+from servosim.faults import Fault
 from tests.calibration.narrow_arm import write_narrow_arm
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 
@@ -133,6 +134,24 @@ def test_search_stopped_from_page_holds_until_released(driver, arm):
 
 
 @pytest.mark.full
+@pytest.mark.parametrize("silent_s", [1.0, 4.0])
+def test_arm_is_released_although_a_servo_was_silent(driver, arm, silent_s):
+    """A servo falls silent in the search, and again where the person switches torque off."""
+    faults, world = arm.line.faults, arm.line.world
+    servo = next(iter(arm.line.servos))
+
+    def silence(shown):
+        began = shown["share"] and not faults.added
+        if began or (shown["stage"] == "held" and len(faults.added) == 1):
+            faults.added.append(world.time_s)
+            faults.add(Fault("silent", id=servo, at_s=world.time_s, for_s=silent_s))
+
+    faults.added = []
+    limp_after(driver, run(driver, on_view=silence), arm)
+    assert len(faults.added) == 2
+
+
+@pytest.mark.full
 def test_leaving_moving_arm_brakes_it_first(driver, arm):
     def leave(shown):
         if shown["share"]:
@@ -212,14 +231,22 @@ def test_silent_page_stops_arm_that_searches(thread, arm):
     thread.arm.close("hold")
 
 
-def test_stop_of_page_ends_calibration_by_hand(thread):
-    def leave(view):
-        thread.request_stop(STOP)
+def test_stop_of_page_leaves_calibration_by_hand_alone(thread):
+    driver, run_driver, counts = thread.calibration, thread.calibration.run, []
 
-    driver, run_driver = thread.calibration, thread.calibration.run
-    driver.run = lambda: (leave(view) or view for view in run_driver())
+    def watched():
+        for number, view in enumerate(run_driver()):
+            if number == 2:
+                thread.request_stop(STOP)
+            if number == 6:
+                driver.put_answer("cancel", view.number)
+            counts.append(thread.snapshot.stop_count)
+            yield view
+
+    driver.run = watched
     driver.request_start()
     thread.step()
+    assert counts == [0, 0, 0, 1, 1, 1, 1]  # one stop is confirmed once
     assert (driver.requested, thread.snapshot.calibration) == (False, None)
     thread.arm.close("hold")
 

@@ -399,8 +399,7 @@ def test_condition_pause_and_called_program_are_saved_and_played(session, own_fo
 
 
 def change_grid(session, number, corner=None, **fields):
-    grid = panel(session).fields()["steps"][-1]["grid"] | fields
-    session.send_message(msg.ChangeStep, step=number, grid=grid, corner=corner)
+    session.send_message(msg.ChangeStep, step=number, grid=fields, corner=corner)
 
 
 def move_joint(session, joint, value):
@@ -575,8 +574,8 @@ def record(session, on_cycle, cycles=60):
     return session.latest_frames()
 
 
-@pytest.mark.full
-def test_hand_guided_recording_is_replayed_as_program_step(session):
+def record_by_hand(session):
+    """Record an arm whose wrist is turned by hand."""
     session.arm.disable_torque()
     world = line_of(session.arm).world
     world.grasp("wrist_roll", Hand(glide(0.0, 0.4, speed=0.8), limit=20.0))
@@ -585,6 +584,11 @@ def test_hand_guided_recording_is_replayed_as_program_step(session):
         world.grasp(joint, Hand(lambda _, at=at: (at, 0.0), limit=20.0))
     record(session, lambda _count: None)
     world.hands.clear()
+
+
+@pytest.mark.full
+def test_hand_guided_recording_is_replayed_as_program_step(session):
+    record_by_hand(session)
     (step,) = panel(session).draft.steps
     assert step.step.recording == "recording-1.jsonl"
     there = degrees(session, "wrist_roll")
@@ -595,6 +599,16 @@ def test_hand_guided_recording_is_replayed_as_program_step(session):
     assert state["phase"] == "done", state
     assert abs(there) > 10.0
     assert degrees(session, "wrist_roll") == pytest.approx(there, abs=1.5)
+
+
+@pytest.mark.full
+def test_recording_made_after_a_check_is_played(session):
+    add(session, "wait", wait_s=0.1)
+    assert run(session, "check")["phase"] == "ok"
+    record_by_hand(session)
+    assert len(panel(session).draft.steps) == 2
+    state = run(session)
+    assert (state["phase"], state["left"]) == ("done", "")
 
 
 def recorded(session, folder, elbow_rad=0.2):

@@ -52,7 +52,8 @@ class ChangeStep(PageMessage):
         wait_s: The duration of a wait; None for other steps.
         pause: The task of the person in a pause; None for other steps.
         only_if: The condition under which the step runs; None for always.
-        grid: The grid as in a program file, which checks it; None for other steps.
+        grid: The keys of the grid that change, as in a program file, which checks them; None for
+            other steps.
         corner: The key of the step or its grid that is taken from the present tip: the first place,
             or the distance to the next row or column, if the tip is at the last one.
     """

@@ -85,6 +85,7 @@ class ProgramPanel:
             self._recording = None
             if recording.path is not None:
                 self.draft.add(ProgramStep(recording=recording.path.name))
+                self._play, self._state = None, PlayState()  # it has other steps
         frames: list[Frame] = []
         if client.sent.get("program") != self.draft.revision:
             client.sent["program"] = self.draft.revision
@@ -166,7 +167,7 @@ class ProgramPanel:
                 draft.add(self._make_step(message, interaction.goal), message.after)
             case msg.ChangeStep():
                 keys = {"speed", "wait_s", "pause", "only_if", "grid"}
-                values = message.model_dump(include=keys) | self._corner_fields(message)
+                values = message.model_dump(include=keys) | self._grid_fields(message)
                 draft.change(message.step, **values)
             case msg.MoveStep():
                 draft.move(message.step, message.to)
@@ -210,14 +211,16 @@ class ProgramPanel:
     def _is_recording(self) -> bool:
         return self._recording is not None and self._arm_thread.job is self._recording
 
-    def _corner_fields(self, message: msg.ChangeStep) -> dict[str, Any]:
-        """Return the fields of a grid step that the present tip gives."""
+    def _grid_fields(self, message: msg.ChangeStep) -> dict[str, Any]:
+        """Return the fields of a grid step, with what was typed or the present tip gives."""
         step = self.draft.steps[self.draft.place_of(message.step)].step
-        if message.corner is None or step.grid is None or step.tip_m is None:
+        if message.grid is None or step.grid is None or step.tip_m is None:
             return {}
+        if message.corner is None:
+            return {"grid": step.grid.model_dump() | message.grid}
         tip_m = _tip_m(self._arm_thread.arm, self._arm_thread.snapshot.measured)
         if message.corner == "tip_m":
-            return {"tip_m": tip_m}
+            return {"tip_m": tip_m, "grid": step.grid.model_dump()}
         distance_m = step.grid.distance_m(message.corner, step.tip_m, tip_m)
         return {"grid": step.grid.model_dump() | {message.corner: distance_m}}
 

@@ -113,6 +113,7 @@ class ArmThread:
             [joint.name for joint in joints], [joint.joint_map.unit == "m" for joint in joints]
         )
         self._stop_reason: StopReason | None = None
+        self._shown_stop: StopReason | None = None  # the stop that a calibration has confirmed
         self._torque_requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_MESSAGES)
         self._waiting_job: ArmJob | None = None
         self._running_job: ArmJob | None = None
@@ -473,10 +474,12 @@ class ArmThread:
             measured = picture.positions(calibration.request)
         if calibration.request is not None:
             states = tuple(replace(state, torque=driver.holds) for state in states)
+        stopped = self._stop_reason not in (None, self._shown_stop)
+        self._shown_stop = self._stop_reason
         self.snapshot = replace(
             self.snapshot,
             calibration=calibration,
-            stop_count=self.snapshot.stop_count + (self._stop_reason is not None),
+            stop_count=self.snapshot.stop_count + stopped,
             measured=measured,
             states=states,
             read_s=self._clock.now_s(),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Generator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 
 from ikservo.apps.calibrating.auto_dialogue import calibrate_against_stops, confirm_search
 from ikservo.apps.calibrating.by_hand_dialogue import (
@@ -17,7 +18,7 @@ from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torq
 from ikservo.apps.page.dragging.snapshot import CalibrationView
 from ikservo.arm import Arm, StopKind, StopReason
 from ikservo.control.loop import OnCycle
-from ikservo.errors import IkservoError, StoppedError
+from ikservo.errors import BusError, IkservoError, StoppedError
 from ikservo.maintenance.dialogue import (
     ACCEPT,
     Choice,
@@ -68,15 +69,16 @@ class CalibrationDriver:
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:
         self.model, self._port, self.pose = model, port, pose
         self._answers: deque[tuple[str, int]] = deque(maxlen=8)
-        self.requested = False
+        self.requested = self._searches = False
         self.arm: Arm | None = None
         self.on_cycle: OnCycle | None = None
         self.log_message: Callable[[str], None] = lambda _: None
 
     @property
     def holds(self) -> bool:
-        """Whether a search has switched torque on, and not off again."""
-        return self.arm is not None and not self.arm.context.servos.torque.is_off
+        """Whether a search has switched torque on and it is still on."""
+        arm = self.arm  # another thread may set it to None
+        return arm is not None and not arm.context.servos.torque.is_off
 
     def request_start(self) -> None:
         """Request a calibration; safe from any thread."""
@@ -90,13 +92,17 @@ class CalibrationDriver:
         """
         if answer == "cancel":
             self.request_stop(_LEFT)
+            self.requested = False
         self._answers.append((answer, number))
 
     def request_stop(self, reason: StopReason) -> None:
-        """End the calibration; a moving arm brakes and holds. Safe from any thread."""
-        self.requested = False
-        if self.arm is not None:
-            self.arm.request_stop(reason)
+        """End a search for stops; a moving arm brakes and holds. Safe from any thread.
+
+        A calibration by hand, in which the arm is limp, continues.
+        """
+        self.requested, arm = self.requested and not self._searches, self.arm
+        if arm is not None:
+            arm.request_stop(reason)
 
     def run(self) -> Generator[CalibrationView]:
         """Yield the view at each reading until the user ends the calibration.
@@ -111,7 +117,7 @@ class CalibrationDriver:
             ):
                 yield from self._run_dialogue(limp_arm, dialogue)
         finally:
-            self.requested, self.arm = False, None
+            self.requested, self._searches, self.arm = False, False, None
 
     def _run_dialogue(
         self, limp_arm: TorqueOffArm, dialogue: Dialogue[None]
@@ -127,10 +133,9 @@ class CalibrationDriver:
             except StopIteration:
                 return
             except IkservoError as error:
-                if not self.holds:
+                if not self._may_hold(limp_arm):
                     raise
-                hint = "" if isinstance(error, StoppedError) else in_page(error.command_hint)
-                why = f"{error.message} {hint}".strip()
+                why = " ".join([error.message, *_page_hints(error)])
                 break
             answer = None
             if isinstance(item, Notice | Progress):
@@ -150,7 +155,7 @@ class CalibrationDriver:
                 answer = self._next_answer(number)
             if answer:
                 lines = ()
-        if self.holds:
+        if self._may_hold(limp_arm):
             yield from self._release(limp_arm, why, number + 1)
 
     def _next_answer(self, number: int) -> str | None:
@@ -171,10 +176,11 @@ class CalibrationDriver:
             "by hand", () if forbidden else (Choice("stops", "against the stops"),),
         )  # fmt: skip
         options = CalibrationOptions(self.pose, write_limits=False)
-        if how == "stops":
+        self._searches = how == "stops"
+        if self._searches:
             yield from confirm_search(self.model, "The Stop button")
         yield from switch_torque_off(limp_arm)
-        if how == "stops":
+        if self._searches:
             path = (yield from calibrate_against_stops(
                 limp_arm, options, self.log_message, self._attended
             ))[2]  # fmt: skip
@@ -196,10 +202,28 @@ class CalibrationDriver:
         self.log_message(text)
         text += " The arm holds now. Support it, then switch its torque off."
         question = Question(text, Unasked.YES, _HOLDS, "switch torque off")
-        while self._next_answer(number) != ACCEPT:
-            limp_arm.read_ticks()
-            yield CalibrationView(question, None, (), number)
-        limp_arm.disable_torque()
+        while self._may_hold(limp_arm):
+            while self._next_answer(number) != ACCEPT:
+                with suppress(BusError):  # a servo that is silent may reply again
+                    limp_arm.read_ticks()
+                yield CalibrationView(question, None, (), number)
+            try:
+                limp_arm.disable_torque()
+            except BusError as error:
+                self.log_message(error.message)
+
+    def _may_hold(self, limp_arm: TorqueOffArm) -> bool:
+        """Check whether a servo holds after a search; a silent one may hold."""
+        try:
+            return self._searches and bool(limp_arm.torque_on_servos())
+        except BusError:
+            return True
+
+
+def _page_hints(error: IkservoError) -> list[str]:
+    """Return the sentences of an error's hint that name no option of a command."""
+    hint = "" if isinstance(error, StoppedError) else in_page(error.command_hint)
+    return [each for each in re.split(r"(?<=[.!?]) ", hint) if each and "--" not in each]
 
 
 def calibration_fields(view: CalibrationView) -> dict[str, object]:

@@ -69,7 +69,9 @@ class ProgramPlay:
         self._first, self._index, self._action = first, first, action
         self._pausing, self._continuing = threading.Event(), threading.Event()
         self._repetition, self._has_grasped = 1, False
-        self._seconds = [math.nan] * len(numbers)  # of each step: planned, or measured once
+        self._seconds = [math.nan] * len(
+            numbers
+        )  # duration of each step: planned, or else as first measured
         self._done_s = self._began_s = self._step_began_s = 0.0
         self.state = PlayState("checking", numbers[first])
 
@@ -106,7 +108,9 @@ class ProgramPlay:
 
     def continue_from(self, before: ProgramPlay, number: int | None) -> None:
         """Begin in the repetition in which a previous play paused or stopped at the step."""
-        self._has_grasped, self._seconds = before._has_grasped, before._seconds
+        self._has_grasped = before._has_grasped
+        if before._numbers == self._numbers:
+            self._seconds = list(before._seconds)
         if number is not None and number == before.state.step and before.state.phase != "bad":
             self._repetition = before.state.repetition
 

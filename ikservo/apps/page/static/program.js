@@ -131,7 +131,7 @@ export class Program {
 
   createRow({ number, text, title, action, has_speed, speed, wait_s, pause, only_if, grid }, i) {
     const place = i + 1;
-    const change = (fields) => this.send("change_step", { step: number, speed, wait_s, pause, only_if, grid, ...fields });
+    const change = (fields) => this.send("change_step", { step: number, speed, wait_s, pause, only_if, grid: grid && {}, ...fields });
     const part = (name, attributes, content) => createElement("button", { type: "button", "data-part": name, ...attributes }, content);
     const grip = part("grip", { class: "grip", "aria-label": `Move step ${place}: arrow up, arrow down`, title: "Drag, or arrow keys" }, "⠿");
     grip.onpointerdown = (event) => this.startDrag(event, number);
@@ -272,7 +272,7 @@ function createPause(place, pause, change) {
 function createGrid(place, grid, change) {
   const parse = (text, unit) => (Number.isFinite(Number(text || NaN)) ? Number(text) / unit : text);
   const field = (key, title, shown, read) => createElement("input", { type: "text", "data-part": key, title, "aria-label": `${title}, step ${place}`, value: shown, onchange: ({ target }) => {
-    change({ grid: { ...grid, [key]: read(target.value.trim()) } });
+    change({ grid: { [key]: read(target.value.trim()) } });
     target.value = shown; // until the server has accepted the new value
   } });
   const count = (key, title) => field(key, title, grid[key], (text) => parse(text, 1));
