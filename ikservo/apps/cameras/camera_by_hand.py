@@ -18,6 +18,7 @@ from ikservo.apps.cameras.camera_calibration import (
 from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.dialogue import Dialogue, Notice, Progress
 
 # The arm moves by less than this while a hand holds it for a picture.
 _HELD = StillnessDetector(window_s=0.3, tolerance=math.radians(0.3), least_readings=2)
@@ -39,7 +40,7 @@ class HandCalibration(PictureCalibration):
     _all_extents = HAND_EXTENTS
     _last_error = ""
 
-    def run(self) -> CameraResult:
+    def run(self) -> Dialogue[CameraResult]:
         """Take pictures until there are enough, and estimate the camera and the zeros.
 
         Raises:
@@ -49,7 +50,7 @@ class HandCalibration(PictureCalibration):
         clock = self._arm.clock
         began_s = used_s = clock.now_s()
         while len(self._pictures) < self._count and clock.now_s() - used_s < _WAIT_S:
-            if self._use_picture():
+            if (yield from self._use_picture()):
                 used_s = clock.now_s()
             clock.sleep_until(clock.now_s() + _PERIOD_S)
         if len(self._pictures) < LEAST_SHARE * self._count:
@@ -58,21 +59,21 @@ class HandCalibration(PictureCalibration):
                 f"so far. {self._last_error}".rstrip(),
                 "Show the board in different postures, and keep the arm still in each.",
             )
-        self._report(ESTIMATING)
+        yield Progress(ESTIMATING)
         duration_s = used_s - began_s
         return self._pictures.result(self._missed, duration_s, self._extents, by_hand=True)
 
-    def _use_picture(self) -> bool:
+    def _use_picture(self) -> Dialogue[bool]:
         """Take one picture; return whether it was used."""
         q, clock = self._limp_joints(), self._arm.clock
         held = _HELD.add_joints(clock.now_s(), q.tolist())
         if any(np.abs(q - other).max() < _APART_RAD for other in self._pictures.joints):
             return False
-        first = self._look()[1]
+        _, first = yield from self._look()
         if first is None:
             return False
         clock.sleep_until(clock.now_s() + _HELD.window_s)
-        picture, second = self._look()
+        picture, second = yield from self._look()
         if second is None:
             return False
         held = held.add_joints(clock.now_s(), self._limp_joints().tolist())
@@ -83,7 +84,7 @@ class HandCalibration(PictureCalibration):
             return False
         self._pictures.add(picture, second, q)
         self._last_error = ""
-        self._report(
+        yield Notice(
             f"picture {len(self._pictures)} of {self._count} taken: move the arm to another posture"
         )
         return True
@@ -96,7 +97,7 @@ class HandCalibration(PictureCalibration):
             raise CalibrationError("The arm is no longer limp: the torque of a servo is on.", hint)
         return measured_joints(self._arm.chain, state)
 
-    def _look(self) -> tuple[Picture, BoardView | None]:
+    def _look(self) -> Dialogue[tuple[Picture, BoardView | None]]:
         """Take a picture and find the board in it; report once why the board is not found."""
         picture = self._camera.take()
         self._require_new(picture)
@@ -106,5 +107,5 @@ class HandCalibration(PictureCalibration):
             self._missed += 1
             if error.message != self._last_error:
                 self._last_error = error.message
-                self._report(f"not used: {error.message}")
+                yield Notice(f"not used: {error.message}")
             return picture, None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -45,7 +45,7 @@ from ikservo.kinematics.bending_and_backlash import Bending
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import log_so3
-from ikservo.maintenance.dialogue import Progress
+from ikservo.maintenance.dialogue import Dialogue, Notice, Progress
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.planning.reports import ArmState
@@ -59,8 +59,9 @@ PRINTED_COMPLIANCE = 0.05
 LEAST_SHARE = 0.5
 """Smallest fraction of the requested pictures that suffices for an estimate."""
 
-ESTIMATING = "Estimating the camera and the arm from the pictures; this takes some seconds."
+ESTIMATING = "Estimating the camera and the arm from the pictures, which takes some seconds"
 
+_SHOWING = "Showing the board to the camera"
 _FIRST_STEP_RAD = math.radians(9.0)  # step of each joint while the pose of the camera is unknown
 _REACH_RAD = math.radians(75.0)  # largest distance of a joint from the first posture
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
@@ -254,7 +255,6 @@ class PictureCalibration:
         camera: The camera, which must not move.
         board: The board on the gripper.
         count: The number of pictures to use.
-        report: Receives a line about each picture, and the reason if the picture is not used.
         extents: The parameters that may be estimated; None: all that this calibration can estimate.
         folder: The folder in which to keep the pictures; None to keep none.
     """
@@ -267,12 +267,11 @@ class PictureCalibration:
         camera: PictureSource,
         board: Board,
         count: int,
-        report: Callable[[str], None] = lambda _: None,
         extents: Sequence[Extent] | None = None,
         folder: PictureFolder | None = None,
     ) -> None:
         self._extents = extents or self._all_extents
-        self._arm, self._camera, self._report = arm, camera, report
+        self._arm, self._camera = arm, camera
         self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
         self._count = count
         self._missed: int = 0
@@ -292,14 +291,16 @@ class CameraCalibration(PictureCalibration):
     At the start, the board is in front of the camera, near the middle of the picture.
     """
 
-    def run(self) -> CameraResult:
+    def run(self) -> Dialogue[CameraResult]:
         """Take the pictures, compute the estimate, and move the arm back to its start if possible.
 
         Raises:
             CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
-            RefusedError: The arm may not move.
+            RefusedError: The arm may not move, or was stopped.
+            StoppedError: The arm was stopped in a motion; it holds.
         """
         self._began_s = self._arm.clock.now_s()
+        yield Progress(_SHOWING)
         self._arm.enable()  # an arm that is held or lies on a table bends differently
         self._keep(self._take())  # nothing moves until the board has been seen
         home = self._pictures.joints[0]
@@ -308,19 +309,19 @@ class CameraCalibration(PictureCalibration):
         steps = _FIRST_STEP_RAD * np.vstack([signs, -0.7 * signs])
         for step in self._arm.chain.clip(home + steps):
             if len(self._pictures) < self._count:
-                self._visit(step)
-        while len(self._pictures) < self._count and self._visit_best(home):
+                yield from self._visit(step)
+        while len(self._pictures) < self._count and (yield from self._visit_best(home)):
             pass
         if len(self._pictures) < LEAST_SHARE * self._count:
             hint = "Put the camera further away, or the board nearer to the middle of its picture."
             raise PictureError(f"The board was seen in only {len(self._pictures)} postures.", hint)
         with suppress(RefusedError):
             self._move(home)
-        self._report(ESTIMATING)
+        yield Progress(ESTIMATING)
         duration_s = self._arm.clock.now_s() - self._began_s
         return self._pictures.result(self._missed, duration_s, self._extents)
 
-    def _visit_best(self, home: Vector) -> bool:
+    def _visit_best(self, home: Vector) -> Dialogue[bool]:
         """Visit the most informative postures; return whether the board was seen."""
         fit, intrinsics = self._pictures.fit()
         chain = self._arm.chain
@@ -334,16 +335,17 @@ class CameraCalibration(PictureCalibration):
             done, board = np.array(self._pictures.joints), self._pictures.board
             chosen = choose_postures(board, fit, intrinsics, seen, done, 3 * _AT_ONCE)
         for q in seen[chosen]:
-            visited += self._visit(q)
+            visited += yield from self._visit(q)
             if visited == _AT_ONCE or len(self._pictures) == self._count:
                 break
         return visited > 0
 
-    def _visit(self, q: Vector) -> bool:
+    def _visit(self, q: Vector) -> Dialogue[bool]:
         """Move to a posture; return whether it could be reached and the board was seen there."""
         try:
             self._move(q)
         except RefusedError:
+            self._arm.context.servos.check_stop()
             return False  # an obstacle is in the way
         picture = self._take()  # nothing moves without a fresh picture
         try:
@@ -352,11 +354,11 @@ class CameraCalibration(PictureCalibration):
             self._missed += 1
             if self._missed > _MAX_MISSED:
                 raise
-            self._report(f"not used: {error.message}")
+            yield Notice(f"not used: {error.message}")
             return False
         taken, since_s = len(self._pictures), self._arm.clock.now_s() - self._began_s
-        what = f"picture {taken} of {self._count}"
-        self._report(str(Progress(what, taken, self._count, since_s)))
+        yield Notice(f"picture {taken} of {self._count}")
+        yield Progress(_SHOWING, taken, self._count, since_s)
         return True
 
     def _move(self, q: Vector) -> None:

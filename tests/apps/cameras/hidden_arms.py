@@ -10,6 +10,7 @@ from ikservo.apps.cameras.tip_click import find_tip_zero, save_tip_zero
 from ikservo.arm.opening import open_own_arm
 from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.errors import CalibrationError, IkservoError
+from ikservo.maintenance.dialogue import Notice
 from servosim.camera import SimulatedCamera, SimulatedView
 from servosim.joint import Hand, hold
 from servosim.specimen import Specimen
@@ -74,6 +75,17 @@ def tip_errors_m(arm, camera, chain, zeros, T_camera_base, count=200):
         said = T_camera_base @ chain.forward(q + zeros)
         errors.append(np.linalg.norm(truth[:3, 3] - said[:3, 3]))
     return np.array(errors)
+
+
+def finish(dialogue, said=None):
+    """Run a dialogue without questions; return its result, and add its notices to ``said``."""
+    while True:
+        try:
+            item = next(dialogue)
+        except StopIteration as end:
+            return end.value
+        if said is not None and isinstance(item, Notice):
+            said.append(item.text)
 
 
 def click_on_tip(arm, camera, opened, chance, noise_px=1.5):

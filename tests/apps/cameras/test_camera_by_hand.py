@@ -20,7 +20,12 @@ cv2 = pytest.importorskip("cv2")
 
 from ikservo.apps.cameras.camera_by_hand import HandCalibration  # noqa: E402
 from ikservo.apps.cameras.camera_calibration import ArmBefore, save_camera_result  # noqa: E402
-from tests.apps.cameras.hidden_arms import BOARD, hidden_arm, tip_errors_m  # noqa: E402
+from tests.apps.cameras.hidden_arms import (  # noqa: E402
+    BOARD,
+    finish,
+    hidden_arm,
+    tip_errors_m,
+)
 from tests.apps.cameras.test_click_campaign import arm_before_a_camera  # noqa: E402
 
 REACH_RAD, MOVING_S, POSTURE_S = 0.5, 0.7, 2.0
@@ -70,8 +75,8 @@ def run_by_hand(monkeypatch, spoil=None, count=12, meanwhile=None):
         person = Person(arm, camera, spoil=spoil)
         if meanwhile is not None:
             meanwhile(opened)
-        session = HandCalibration(opened, person, BOARD, count, said.append)
-        return session.run(), said, arm, camera
+        session = HandCalibration(opened, person, BOARD, count)
+        return finish(session.run(), said), said, arm, camera
 
 
 def errors_over_workspace_m(arm, camera, name="so101"):
@@ -143,7 +148,7 @@ def test_camera_calibration_by_hand_reaches_4_mm(monkeypatch, capsys, name, shar
                 carry(arm, by_hand, share)
                 opened.disable_torque()
                 session = HandCalibration(opened, Person(arm, camera, seed), BOARD, 30)
-                result = session.run()
+                result = finish(session.run())
             save_camera_result(ArmBefore.of(opened), "0", result, WHEN)
         everywhere_m.append(errors_over_workspace_m(arm, camera, name))
         log(capsys, f"{name} {seed}, {share} carried: median {np.median(everywhere_m[-1])} m")

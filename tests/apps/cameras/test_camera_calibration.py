@@ -13,7 +13,7 @@ from tests.cli.fixtures_mounted_arm import PORT
 cv2 = pytest.importorskip("cv2")
 
 from ikservo.apps.cameras.camera_calibration import CameraCalibration  # noqa: E402
-from tests.apps.cameras.hidden_arms import BOARD, hidden_arm  # noqa: E402
+from tests.apps.cameras.hidden_arms import BOARD, finish, hidden_arm  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -59,7 +59,7 @@ def test_camera_calibration_moves_arm_only_once_board_is_seen(monkeypatch, spoil
         opened.enable()
         before = [joint.position for joint in arm.world.joints]
         with pytest.raises(CalibrationError, match=message):
-            session.run()
+            finish(session.run())
         after = [joint.position for joint in arm.world.joints]
         np.testing.assert_allclose(after, before, atol=0.01)
 
@@ -71,7 +71,7 @@ def test_frozen_camera_picture_ends_camera_calibration(monkeypatch):
     with open_own_arm(load_model("so101"), PORT) as opened:
         session = CameraCalibration(opened, SpoiledCamera(camera, 0, lambda _: frozen), BOARD, 12)
         with pytest.raises(CalibrationError, match="same picture"):
-            session.run()
+            finish(session.run())
 
 
 @pytest.mark.campaign
@@ -83,7 +83,7 @@ def test_calibration_needs_at_least_half_of_requested_pictures(monkeypatch, coun
     with open_own_arm(load_model("so101"), PORT) as opened:
         session = CameraCalibration(opened, camera, BOARD, count)
         if suffices:
-            assert 7 <= session.run().pictures < count
+            assert 7 <= finish(session.run()).pictures < count
             return
         with pytest.raises(CalibrationError, match="in only"):
-            session.run()
+            finish(session.run())

@@ -24,6 +24,7 @@ from tests.apps.cameras.hidden_arms import (
     BOARD,
     click_errors_m,
     drawn_view,
+    finish,
     hidden_arm,
     save_clicks,
     tip_errors_m,
@@ -45,7 +46,7 @@ def arm_before_a_camera(monkeypatch, name, seed):
 def calibrate(name, camera, pictures):
     """Let an arm calibrate itself in front of a camera; save and return the result."""
     with open_own_arm(load_model(name), PORT) as opened:
-        result = CameraCalibration(opened, camera, BOARD, pictures).run()
+        result = finish(CameraCalibration(opened, camera, BOARD, pictures).run())
         save_camera_result(
             ArmBefore.of(opened), "0", result, datetime.now(UTC).replace(microsecond=0)
         )
