@@ -137,6 +137,27 @@ def test_camera_error_is_reported_until_picture_returns(error, said):
         until(lambda: webcam.released == webcam.opened)
 
 
+def test_picture_for_calibration_is_newer_than_its_request():
+    webcam = Webcam()
+    with VideoSource("0", RealClock(), webcam.open) as source, source.watched():
+        until(lambda: source.picture)
+        for _ in range(3):
+            before = source.picture.number
+            assert source.take().shape == (24, 32, 3)
+            assert source.picture.number >= before + 2  # the first may show an earlier moment
+
+
+def test_lost_camera_ends_wait_for_picture(monkeypatch):
+    monkeypatch.setattr("ikservo.apps.page.panels.video._LOST_S", 0.2)
+    webcam = Webcam()
+    webcam.plugged = False
+    with VideoSource("0", RealClock(), webcam.open) as source, source.watched():
+        until(lambda: webcam.opened)
+        with pytest.raises(PictureError, match="camera 0 cannot be opened") as lost:
+            source.take()
+    assert lost.value.hint == "Is it plugged in?"
+
+
 @pytest.mark.parametrize("source", ["/dev/videoNOTHERE", "film.mp4", "", 5000 * "a"])
 def test_missing_camera_is_refused(source):
     with pytest.raises(InputError, match=f"no camera or file {source}"):

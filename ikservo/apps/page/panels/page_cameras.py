@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 
 from ikservo.apps.cameras.arm_camera import camera_key, known_camera
 from ikservo.apps.cameras.board import Board
@@ -12,9 +12,9 @@ from ikservo.apps.cameras.camera_file import camera_names
 from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE, open_source
 from ikservo.apps.page.panels.video import PictureCapture, VideoSource, source_name
 from ikservo.arm import Arm
-from ikservo.cli.camera_options import DEFAULT_BOARD
+from ikservo.cli.camera_options import DEFAULT_BOARD, CameraOptions
 from ikservo.clock import Clock
-from ikservo.errors import IkservoError, UnknownNameError
+from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.files.public_source import public_source
 
 
@@ -74,10 +74,8 @@ class PageCameras:
         if source is None:
             return None
         if source == SIMULATED_SOURCE:
-            transport = arm.context.port.transport
-            camera = open_source(source, transport, Board.named(DEFAULT_BOARD))
-            video = VideoSource(source, self._clock, lambda _: PictureCapture(camera))
-            video.before, video.hint = transport, camera.hint
+            video = VideoSource(source, self._clock)
+            _see(video, arm)
             return exits.enter_context(video)
         with self._lock:
             if source not in self._videos:
@@ -164,9 +162,37 @@ class ArmCameras:
         """
         return {title: self._open(source) for title, (source, _) in self.choices.items()}
 
+    def follow(self, arm: Arm) -> None:
+        """Show a reopened arm; simulated cameras see its new simulation."""
+        self._arm = arm
+        for video in self._opened.values():
+            if video.source == SIMULATED_SOURCE:
+                _see(video, arm)
+
+    @contextmanager
+    def calibrating(self) -> Generator[tuple[VideoSource, CameraOptions]]:
+        """Read the shown camera for a calibration of the arm; pages may show it meanwhile.
+
+        Raises:
+            InputError: No camera is shown.
+        """
+        if self.video is None:
+            raise InputError("This page shows no camera.", "Choose one.")
+        options = CameraOptions(camera=self.video.source, camera_name=self.name)
+        with self.video.watched():
+            yield self.video, options
+
     def _open(self, source: str) -> VideoSource:
         if source not in self._opened:
             video = self._cameras.open_before(self._arm, self._exits, source)
             if video is not None:
                 self._opened[source] = video
         return self._opened[source]
+
+
+def _see(video: VideoSource, arm: Arm) -> None:
+    """Let a simulated camera see a simulated arm."""
+    transport = arm.context.port.transport
+    camera = open_source(video.source, transport, Board.named(DEFAULT_BOARD))
+    video.hint = camera.hint
+    video.switch(lambda _: PictureCapture(camera), transport)

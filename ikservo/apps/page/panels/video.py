@@ -17,7 +17,7 @@ from ikservo.apps.cameras.board_detection import PictureSource
 from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE
 from ikservo.apps.cameras.capture import Capture, open_capture
 from ikservo.clock import Clock
-from ikservo.errors import IkservoError, InputError
+from ikservo.errors import IkservoError, InputError, PictureError
 from ikservo.files.public_source import public_source
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
@@ -147,7 +147,7 @@ class VideoSource:
         return math.inf if self._picture is None else self._clock.now_s() - self._read_s
 
     @contextlib.contextmanager
-    def watched(self, period_s: float) -> Generator[None]:
+    def watched(self, period_s: float = _PERIOD_S) -> Generator[None]:
         """Read the camera even if no page shows it, at most one picture per ``period_s``."""
         self._begin_watching()
         self._period_s = period_s
@@ -162,6 +162,25 @@ class VideoSource:
             self._watched_s = self._clock.now_s()
         self._watchers += 1
         self._wanted.set()
+
+    def switch(self, open_source: Callable[[str], Capture], before: object) -> None:
+        """Read another simulated camera from now on; ``before`` is the transport of its arm."""
+        self._open, self.before = open_source, before
+
+    def take(self) -> NDArray[np.uint8]:
+        """Wait for a picture that was taken after this call (``PictureSource``).
+
+        Raises:
+            PictureError: The camera delivers no picture.
+        """
+        last, new = self._picture, 0
+        for _ in range(round(_LOST_S / _LOOK_S)):
+            self._ending.wait(_LOOK_S)
+            picture, newest = self._picture, self.newest
+            new, last = new + (picture is not last), picture
+            if new > 1 and picture is not None and newest is not None:  # the first is too old
+                return newest
+        raise PictureError(self._error or f"No picture from {self.name}.", "Is it plugged in?")
 
     async def stream(self) -> AsyncGenerator[bytes]:
         """Yield new pictures as parts of ``VIDEO_TYPE``; a slow page misses some."""
@@ -200,11 +219,14 @@ class VideoSource:
 
     def _read_while_watched(self) -> None:
         """Read until no page shows the pictures or the camera fails."""
-        capture = self._open(self.source)
+        opened = self._open
+        capture = opened(self.source)
         self._openings += not self._is_file  # a file is repeated
         try:
             self._error = "" if capture.isOpened() else f"{self.name} cannot be opened."
-            while self._watchers and not self._ending.is_set() and not self._error:
+            while self._open is opened and self._watchers and not self._ending.is_set():
+                if self._error:
+                    return
                 ready, image = capture.read()
                 if not ready or image is None:
                     return
