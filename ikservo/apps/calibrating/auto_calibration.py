@@ -302,6 +302,7 @@ class AutoCalibration:
             StoppedError: The user stopped the calibration; the arm holds.
             RefusedError: The guard stopped the calibration; the arm holds.
         """
+        yield Progress("Each joint moves slightly")
         yield Notice("Torque is on. Let go of the arm and keep clear of it.")
         # This reveals a wrong sign or swapped ids before anything else moves.
         names = [joint.name for joint in self.arm.model.joints]

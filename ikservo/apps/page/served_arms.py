@@ -153,7 +153,7 @@ class ServedArm:
         with ExitStack() as stack:
             self.arm_thread = stack.enter_context(
                 ArmThread(
-                    lambda: settings.open_arm(model, port),
+                    self._open_arm,
                     settings.clock,
                     settings.dead_man_s,
                     CalibrationDriver(model, port),
@@ -166,6 +166,8 @@ class ServedArm:
             try:
                 cameras = settings.cameras
                 self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, stack)
+                if self.cameras and self.cameras.video and self.arm_thread.calibration:
+                    self.arm_thread.calibration.open_camera = self.cameras.calibrating
             except IkservoError as error:
                 self.camera_error = error
             record, episodes = settings.record, None
@@ -184,6 +186,12 @@ class ServedArm:
             )
             stack.callback(self.controller.close)
             return stack.pop_all()
+
+    def _open_arm(self) -> Arm:
+        arm = self._settings.open_arm(self.place.model, real_time_port(self.place.port))
+        if self.cameras is not None:
+            self.cameras.follow(arm)
+        return arm
 
     def add_other_arm(
         self,

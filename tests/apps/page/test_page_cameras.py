@@ -19,6 +19,7 @@ pytest.importorskip("cv2")
 
 from servosim.camera import SimulatedCamera
 from tests.apps.cameras.saved_camera import save_simulated_camera
+from tests.apps.page.webcam import Webcam
 
 
 @pytest.fixture(autouse=True)
@@ -106,6 +107,37 @@ def test_each_simulated_arm_gets_its_own_simulated_camera():
         with pytest.raises(BadMessageError, match="shows another simulated arm"):
             view.require_usable()
         view.close()
+
+
+def test_calibration_reads_camera_that_page_has_open(arm):
+    with PageCameras(RealClock(), ["0", "2"]) as cameras, ExitStack() as exits:
+        own, webcam = ArmCameras(cameras, arm, exits), Webcam()
+        own.choose("left")
+        own.video._open = webcam.open
+        with own.video.watched(), own.calibrating() as (camera, options):
+            assert camera is own.video
+            assert (options.camera, options.camera_name) == ("2", "left")
+            camera.take()
+        assert webcam.opened == 1
+        own.video = None
+        with pytest.raises(InputError, match="shows no camera"):
+            own.calibrating().__enter__()
+
+
+def test_simulated_camera_follows_its_reopened_arm():
+    app = ViewApp([ArmAtPort(load_model("so101"), "sim:?pose=home")], cameras=["sim"])
+    with app:
+        served = app.arms.find("")
+        assert served.arm_thread.calibration.open_camera == served.cameras.calibrating
+        video, arm = served.video, served.arm_thread.arm
+        with video.watched():
+            first = video.take()
+            arm.close("hold")
+            again = served._open_arm()
+            assert video.before is again.context.port.transport is not arm.context.port.transport
+            again.move_joints({"shoulder_pan": 0.5})
+            assert abs(video.take().astype(int) - first).mean() > 2.0
+            again.close("hold")
 
 
 def test_unknown_camera_of_one_arm_is_shown_as_its_error(

@@ -396,8 +396,8 @@ class CalibrationAnswer(PageMessage):
 
     kind: Literal["calibration"]
     action: Literal[
-        "start", "cancel", "accept", "no", "stops", "undo", "skip", "continuous", "remeasure",
-        "protect",
+        "start", "cancel", "accept", "no", "stops", "camera", "undo", "skip", "continuous",
+        "remeasure", "protect",
     ]  # fmt: skip
     joint: Name | None = None
     number: Annotated[int, Field(ge=0, le=2**31)] = 0

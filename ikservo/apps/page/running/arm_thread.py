@@ -169,7 +169,7 @@ class ArmThread:
 
     @property
     def moves_itself(self) -> bool:
-        """Whether the arm has a job, or searches for its stops."""
+        """Whether the arm has a job, or moves in a calibration."""
         return self.job is not None or (self.calibration is not None and self.calibration.holds)
 
     def request_job(self, job: ArmJob) -> None:
@@ -282,9 +282,9 @@ class ArmThread:
         self._reopen_arm()
 
     def _require_heartbeat(self) -> None:
-        """Stop the running job if the page is silent for longer than the job permits."""
-        job, limit_s = self._running_job, self.lease.timeout_s
-        if job is not None and job.is_planned:
+        """Stop the arm if the page is silent for longer than its job or calibration permits."""
+        job, driver, limit_s = self._running_job, self.calibration, self.lease.timeout_s
+        if (job and job.is_planned) or (driver and driver.arm is self.arm):  # before a camera
             limit_s = max(limit_s, _PLANNED_SILENCE_S)
         if self.lease.silence_s() > limit_s and self._stop_reason is None:
             self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))
@@ -450,7 +450,15 @@ class ArmThread:
                 raise
             self.arm.close("hold")
             self._lost = True
-            driver.on_cycle, driver.log_message = self._on_search_cycle, self.log_message
+            driver.on_cycle, driver.log_message = self._on_calibration_cycle, self.log_message
+
+            def open_calibrated() -> Arm:
+                turns.close()  # the turn of the closed arm
+                self._reopen_arm()
+                turns.enter_context(self.arm.context.surroundings.in_turn())
+                return self.arm
+
+            driver.open_arm, driver.on_wait = open_calibrated, self._poll_state
             try:
                 for calibration in driver.run():
                     self._show_calibration(driver, calibration, picture)
@@ -458,10 +466,10 @@ class ArmThread:
                         return
             finally:
                 self.snapshot = replace(self.snapshot, calibration=None)
-                self._reopen_arm()
+                self.reopen()
 
-    def _on_search_cycle(self, cycle: ControlCycle) -> None:
-        """Store the positions in a search for stops; stop the arm if the page is silent."""
+    def _on_calibration_cycle(self, cycle: ControlCycle) -> None:
+        """Store the positions in a calibration; stop the arm if the page is silent."""
         now_s, measured = self._clock.now_s(), cycle.measured.copy()
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s)
         self._require_heartbeat()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Generator
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from typing import TypeAlias
 
 from ikservo.apps.calibrating.auto_dialogue import calibrate_against_stops, confirm_search
 from ikservo.apps.calibrating.by_hand_dialogue import (
@@ -15,8 +16,15 @@ from ikservo.apps.calibrating.by_hand_dialogue import (
 )
 from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
+from ikservo.apps.cameras.board_detection import PictureSource
+from ikservo.apps.cameras.camera_dialogue import (
+    calibrate_before_camera,
+    describe_result,
+    save_result,
+)
 from ikservo.apps.page.dragging.snapshot import CalibrationView
 from ikservo.arm import Arm, StopKind, StopReason
+from ikservo.cli.camera_options import CameraOptions
 from ikservo.control.loop import OnCycle
 from ikservo.errors import BusError, IkservoError, StoppedError
 from ikservo.maintenance.dialogue import (
@@ -44,11 +52,16 @@ _AGAINST_STOPS = (
     "each joint slowly to both of its stops, so its whole reach must be clear."
 )
 _BEFORE_CAMERA = (
-    "Before a camera: a calibrated arm shows a printed board on its gripper to a camera, all over "
-    "its reach. Begin it in a terminal: ikservo calibrate {} --camera 0"
+    "Before a camera: a calibrated arm shows a printed board on its gripper to the camera of this "
+    "page, all over its reach, which must be clear. To make the board: ikservo camera board"
 )
+_NO_CAMERA = "Not before a camera: this page has none. Add one: ikservo view {} --camera 0"
+_CAMERA = "camera"
+_SAVE = Question("Save this?", Unasked.YES, CalibrationStage.REVIEW, "save")
+_SAVED = Question("Saved.", Unasked.YES, CalibrationStage.SAVED, "back to the arm")
 _HOLDS = "held"  # the stage of an arm that was stopped in its search
 _LEFT = StopReason(StopKind.CLIENT, "The calibration was left.")
+OpenCamera: TypeAlias = Callable[[], AbstractContextManager[tuple[PictureSource, CameraOptions]]]
 
 
 class CalibrationDriver:
@@ -61,22 +74,29 @@ class CalibrationDriver:
 
     Attributes:
         requested: Whether a calibration is requested.
-        arm: The arm that a search for stops moves, or has moved; None before that.
-        on_cycle: Called in each control cycle of a search.
+        arm: The arm that a calibration moves, or has moved; None before that.
+        on_cycle: Called in each control cycle of a calibration.
+        on_wait: Called repeatedly while an arm before a camera waits for an answer.
         log_message: Receives messages for the user.
+        open_arm: Opens the arm for a calibration before a camera, which does not close it.
+        open_camera: Opens the camera of the page; None if it has none.
     """
 
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:
         self.model, self._port, self.pose = model, port, pose
         self._answers: deque[tuple[str, int]] = deque(maxlen=8)
-        self.requested = self._searches = False
+        self._number = 0  # of the screen
+        self.requested = self._moves = False
         self.arm: Arm | None = None
         self.on_cycle: OnCycle | None = None
+        self.on_wait: Callable[[], None] = lambda: None
         self.log_message: Callable[[str], None] = lambda _: None
+        self.open_arm: Callable[[], Arm] | None = None
+        self.open_camera: OpenCamera | None = None
 
     @property
     def holds(self) -> bool:
-        """Whether a search has switched torque on and it is still on."""
+        """Whether a calibration has switched torque on and it is still on."""
         arm = self.arm  # another thread may set it to None
         return arm is not None and not arm.context.servos.torque.is_off
 
@@ -96,11 +116,11 @@ class CalibrationDriver:
         self._answers.append((answer, number))
 
     def request_stop(self, reason: StopReason) -> None:
-        """End a search for stops; a moving arm brakes and holds. Safe from any thread.
+        """End a calibration in which the arm moves itself; it brakes and holds. Thread-safe.
 
         A calibration by hand, in which the arm is limp, continues.
         """
-        self.requested, arm = self.requested and not self._searches, self.arm
+        self.requested, arm = self.requested and not self._moves, self.arm
         if arm is not None:
             arm.request_stop(reason)
 
@@ -109,31 +129,37 @@ class CalibrationDriver:
 
         Raises:
             IkservoError: The servos do not reply, or nothing could be saved.
+            StoppedError: The arm was stopped before a camera; it holds.
         """
+        self._number = 0
         try:
             with (
                 open_torque_off(self.model, self._port) as limp_arm,
                 closing(self._calibrate(limp_arm)) as dialogue,
             ):
-                yield from self._run_dialogue(limp_arm, dialogue)
+                how = yield from self._run_dialogue(dialogue, limp_arm)
+            if how == _CAMERA and self.open_arm and self.open_camera:
+                with closing(self._show_board(self.open_arm(), self.open_camera)) as dialogue:
+                    yield from self._run_dialogue(dialogue)
         finally:
-            self.requested, self._searches, self.arm = False, False, None
+            self.requested, self._moves, self.arm = False, False, None
 
     def _run_dialogue(
-        self, limp_arm: TorqueOffArm, dialogue: Dialogue[None]
-    ) -> Generator[CalibrationView]:
+        self, dialogue: Dialogue[str | None], limp_arm: TorqueOffArm | None = None
+    ) -> Generator[CalibrationView, None, str | None]:
+        """Run a dialogue to its end; an error ends a calibration without a limp arm."""
         answer: str | None = None
         lines: tuple[str, ...] = ()
         request: HandRequest | None = None
-        number, shown, why = 0, None, ""
-        progress = Progress("Each joint moves slightly")
+        shown, why, read = None, "", limp_arm.read_ticks if limp_arm else self.on_wait
+        progress: Progress | None = None
         while self.requested:
             try:
                 item = dialogue.send(answer)
-            except StopIteration:
-                return
+            except StopIteration as end:
+                return end.value
             except IkservoError as error:
-                if not self._may_hold(limp_arm):
+                if limp_arm is None or not self._may_hold(limp_arm):
                     raise
                 why = " ".join([error.message, *_page_hints(error)])
                 break
@@ -141,22 +167,23 @@ class CalibrationDriver:
             if isinstance(item, Notice | Progress):
                 progress = item if isinstance(item, Progress) else progress
                 lines = (*lines, item.text.strip()) if isinstance(item, Notice) else ()
-                if self.holds:
-                    yield CalibrationView(progress, request, lines, number)
+                if progress is not None and (limp_arm is None or self.holds):
+                    yield CalibrationView(progress, request, lines, self._number)
                 continue
             request = item if isinstance(item, HandRequest) else request
             screen = (item.stage, item.step) if isinstance(item, HandRequest) else item
-            number, shown = number + (screen != shown), screen
-            yield CalibrationView(item, request, lines, number)
-            answer = self._next_answer(number)
+            self._number, shown = self._number + (screen != shown), screen
+            yield CalibrationView(item, request, lines, self._number)
+            answer = self._next_answer(self._number)
             while isinstance(item, Question) and self.requested and not item.offers(answer):
-                limp_arm.read_ticks()  # a lost servo raises at once
-                yield CalibrationView(item, request, lines, number)
-                answer = self._next_answer(number)
+                read()  # a lost servo raises at once
+                yield CalibrationView(item, request, lines, self._number)
+                answer = self._next_answer(self._number)
             if answer:
                 lines = ()
-        if self._may_hold(limp_arm):
-            yield from self._release(limp_arm, why, number + 1)
+        if limp_arm is not None and self._may_hold(limp_arm):
+            yield from self._release(limp_arm, why, self._number + 1)
+        return None
 
     def _next_answer(self, number: int) -> str | None:
         while self._answers:
@@ -165,22 +192,25 @@ class CalibrationDriver:
                 return answer
         return None
 
-    def _calibrate(self, limp_arm: TorqueOffArm) -> Dialogue[None]:
-        """Let the user choose how to calibrate the arm, calibrate it, and save the result."""
+    def _calibrate(self, limp_arm: TorqueOffArm) -> Dialogue[str]:
+        """Let the user choose how to calibrate the arm; calibrate it, unless before a camera."""
         forbidden = self.model.auto_unsafe
         yield Notice(_BY_HAND)
         yield Notice(f"Not against the stops: {forbidden}" if forbidden else _AGAINST_STOPS)
-        yield Notice(_BEFORE_CAMERA.format(self.model.name))
+        yield Notice(_BEFORE_CAMERA if self.open_camera else _NO_CAMERA.format(self.model.name))
+        stops, camera = Choice("stops", "against the stops"), Choice(_CAMERA, "before a camera")
         how = yield Question(
             "How do you want to calibrate the arm?", Unasked.YES, CalibrationStage.REFERENCE_POSE,
-            "by hand", () if forbidden else (Choice("stops", "against the stops"),),
+            "by hand", (*(() if forbidden else (stops,)), *((camera,) if self.open_camera else ())),
         )  # fmt: skip
+        self._moves = how in ("stops", _CAMERA)
+        if how == _CAMERA:
+            return how
         options = CalibrationOptions(self.pose, write_limits=False)
-        self._searches = how == "stops"
-        if self._searches:
+        if self._moves:
             yield from confirm_search(self.model, "The Stop button")
         yield from switch_torque_off(limp_arm)
-        if self._searches:
+        if self._moves:
             path = (yield from calibrate_against_stops(
                 limp_arm, options, self.log_message, self._attended
             ))[2]  # fmt: skip
@@ -188,7 +218,21 @@ class CalibrationDriver:
         else:
             path = limp_arm.save((yield from calibrate_by_hand(limp_arm, options))[1])
         yield Notice(str(path))
-        yield Question("Saved.", Unasked.YES, CalibrationStage.SAVED, "back to the arm")
+        yield _SAVED
+        return ACCEPT
+
+    def _show_board(self, arm: Arm, open_camera: OpenCamera) -> Dialogue[None]:
+        """Calibrate an arm before the camera of the page, and save the result."""
+        self.arm = arm
+        with open_camera() as (camera, options):
+            before, result = yield from calibrate_before_camera(
+                arm, camera, options, self.log_message, self._attended
+            )
+        for line in describe_result(result):
+            yield Notice(line)
+        seen = before, options.camera or "", options.camera_name, result
+        if (yield from save_result(*seen, _SAVE)):
+            yield _SAVED
 
     @contextmanager
     def _attended(self, arm: Arm) -> Generator[None]:
@@ -215,7 +259,7 @@ class CalibrationDriver:
     def _may_hold(self, limp_arm: TorqueOffArm) -> bool:
         """Check whether a servo holds after a search; a silent one may hold."""
         try:
-            return self._searches and bool(limp_arm.torque_on_servos())
+            return self._moves and bool(limp_arm.torque_on_servos())
         except BusError:
             return True
 
