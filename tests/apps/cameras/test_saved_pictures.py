@@ -61,7 +61,7 @@ def test_camera_calibration_is_repeated_from_saved_pictures(tmp_path, monkeypatc
     before = path.read_bytes()
     refused = run_cli(f"{words} --save-pictures {folder}")
     assert (refused.code, "is not empty" in refused.err) == (2, True)
-    assert "is of so101" in run_cli(f"calibrate koch --yes --from-pictures {folder}").err
+    assert "arm: is so101" in run_cli(f"calibrate koch --yes --from-pictures {folder}").err
     (folder / "picture-003.png").write_bytes(b"no picture")
     damaged = run_cli(f"{REPEAT} {folder}")
     assert (damaged.code, "picture-003.png" in damaged.err) == (2, True)
