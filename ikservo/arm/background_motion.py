@@ -115,12 +115,13 @@ class RunningMotion(Generic[T]):
 
     def start(self) -> None:
         """Start the thread; called once."""
-        self._turns.enqueue(self)
         try:
+            self._turns.enqueue(self)
             self._thread.start()
-        except Exception:  # the process has too many threads
-            self._turns.leave(self)
-            self._finished.set()
+        except BaseException:  # Ctrl-C, or the process has too many threads
+            if self._thread.ident is None:
+                self._finished.set()
+                self._turns.leave(self)
             raise
 
     @property
@@ -220,6 +221,8 @@ class RunningMotion(Generic[T]):
             raise
 
     def _run(self) -> None:
+        if self.done:  # Ctrl-C came as it was started
+            return
         try:
             with self._turns.hold(self):
                 with self._state:

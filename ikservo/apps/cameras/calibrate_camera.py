@@ -16,6 +16,7 @@ from ikservo.apps.cameras.camera_command import check_camera_name, open_camera
 from ikservo.apps.cameras.camera_dialogue import (
     calibrate_before_camera,
     describe_result,
+    kept_until_saved,
     save_result,
 )
 from ikservo.apps.cameras.picture_folder import PictureFolder, read_pictures
@@ -50,11 +51,12 @@ def calibrate_by_camera(
     with open_from_options(connection, MotionOptions()) as machine:
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
-        before, result = operator.run(
+        before, result, pictures = operator.run(
             calibrate_before_camera(arm, camera, options, print_status, second_interrupt_lowers)
         )
         question = Question("Save this?", Unasked.YES)
-        _tell_and_save(before, source, name, result, operator, question, json=json)
+        with kept_until_saved(pictures, before.model.name, print_status):
+            _tell_and_save(before, source, name, result, operator, question, json=json)
 
 
 def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:

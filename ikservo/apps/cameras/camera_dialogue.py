@@ -37,14 +37,15 @@ def calibrate_before_camera(
     options: CameraOptions,
     on_status: Callable[[str], None],
     attended: Callable[[Arm], AbstractContextManager[None]],
-) -> Dialogue[tuple[ArmBefore, CameraResult]]:
+) -> Dialogue[tuple[ArmBefore, CameraResult, Path | None]]:
     """Let the arm show its board to a camera, and estimate the camera and the arm.
 
     ``on_status`` receives a line about what is kept after a failure; ``attended`` makes the context
     in which the arm moves itself. In a calibration by hand, the arm is limp and the user moves it.
 
     Returns:
-        The arm before the calibration, and the result, which is not saved yet.
+        The arm before the calibration, the result, which is not saved yet, and the folder of
+        pictures that ``kept_until_saved`` removes; None if the user has chosen it.
 
     Raises:
         CalibrationError: The board is not seen, or the arm has no calibration.
@@ -80,9 +81,28 @@ def calibrate_before_camera(
         )
         with _kept_at_failure(path, arm.model.name, on_status, chosen=chosen):
             result = yield from session.run()
-    if not chosen:
-        shutil.rmtree(path)
-    return before, result
+    return before, result, None if chosen else path
+
+
+@contextmanager
+def kept_until_saved(
+    pictures: Path | None, arm: str, on_status: Callable[[str], None]
+) -> Generator[None]:
+    """Remove a folder of pictures after the ``with`` block; if it fails, tell how to use it."""
+    if pictures is None:
+        yield
+        return
+    try:
+        yield
+    except BaseException:
+        on_status(f"The pictures are kept. To calibrate with them: {_again(arm, pictures)}")
+        raise
+    shutil.rmtree(pictures, ignore_errors=True)
+
+
+def _again(arm: str, pictures: Path) -> str:
+    """Return the command that calibrates with pictures."""
+    return f"ikservo calibrate {shlex.quote(arm)} --from-pictures {shlex.quote(str(pictures))}"
 
 
 @contextmanager
@@ -100,9 +120,7 @@ def _kept_at_failure(
     except BaseException:
         taken = len(list(folder.glob("*.png")))
         if taken >= MIN_SAMPLES:
-            again = (
-                f"ikservo calibrate {shlex.quote(arm)} --from-pictures {shlex.quote(str(folder))}"
-            )
+            again = _again(arm, folder)
             on_status(f"The {taken} pictures so far are kept. To calibrate with them: {again}")
         elif taken:
             needed = f"a calibration needs at least {MIN_SAMPLES}. Start it again."

@@ -106,6 +106,14 @@ def test_leaving_before_search_changes_nothing(driver, arm, part):
     assert (registers(arm), any(holding(arm)), saved()) == (before, False, None)
 
 
+def test_leaving_search_does_not_relax_an_arm_that_it_has_not_moved(driver, arm):
+    for servo in arm.line.servos.values():
+        servo.write("torque_enable", 1)
+    shown = run(driver, {"Begin?": "cancel"})[-1]
+    assert "Begin?" in shown["task"]
+    assert all(holding(arm))
+
+
 def registers(arm):
     return [servo.read("homing_offset") for servo in arm.line.servos.values()]
 
@@ -235,6 +243,8 @@ def test_stop_of_page_leaves_calibration_by_hand_alone(thread):
 
     def watched():
         for number, view in enumerate(run_driver()):
+            if number == 0:
+                driver.put_answer("accept", view.number)  # by hand
             if number == 2:
                 thread.request_stop(STOP)
             if number == 6:

@@ -196,6 +196,27 @@ def in_motion(thread, action):
     thread._on_calibration_cycle = watched
 
 
+@pytest.mark.parametrize("part", ["How do you want", "Begin?"])
+def test_arm_does_not_move_after_a_stop_on_a_screen(thread, hidden, part):
+    cycles = []
+    thread._on_calibration_cycle = cycles.append
+    screens = run(
+        thread, on_view=lambda shown: part in shown["task"] and thread.request_stop(STOP)
+    )
+    assert part in screens[-1]["task"]
+    assert not cycles
+
+
+def test_pictures_are_kept_until_the_result_is_saved(thread, hidden):
+    before = saved()
+    run(thread, {"Save this?": "cancel"})
+    (folder,) = config_dir().glob("pictures/*")
+    assert len(list(folder.glob("*.png"))) == 10
+    said = [entry.message for entry in thread.snapshot.messages]
+    assert any(f"--from-pictures {folder}" in each for each in said)
+    assert saved() == before
+
+
 def test_stop_of_page_reaches_arm_before_camera(thread, hidden):
     before = saved()
     in_motion(thread, lambda: thread.request_stop(STOP))

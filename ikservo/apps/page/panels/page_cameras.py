@@ -165,7 +165,7 @@ class ArmCameras:
     def follow(self, arm: Arm) -> None:
         """Show a reopened arm; simulated cameras see its new simulation."""
         self._arm = arm
-        for video in self._opened.values():
+        for video in list(self._opened.values()):  # the server's thread may open another one
             if video.source == SIMULATED_SOURCE:
                 _see(video, arm)
 
@@ -176,11 +176,11 @@ class ArmCameras:
         Raises:
             InputError: No camera is shown.
         """
-        if self.video is None:
+        video, name = self.video, self.name or self.choices.get(self.chosen, ("", ""))[1]
+        if video is None:
             raise InputError("This page shows no camera.", "Choose one.")
-        options = CameraOptions(camera=self.video.source, camera_name=self.name)
-        with self.video.watched():
-            yield self.video, options
+        with video.watched():
+            yield video, CameraOptions(camera=video.source, camera_name=name)
 
     def _open(self, source: str) -> VideoSource:
         if source not in self._opened:

@@ -113,7 +113,7 @@ class ArmThread:
             [joint.name for joint in joints], [joint.joint_map.unit == "m" for joint in joints]
         )
         self._stop_reason: StopReason | None = None
-        self._shown_stop: StopReason | None = None  # the stop that a calibration has confirmed
+        self._stops = self._shown_stops = 0  # requested, and confirmed by a calibration
         self._torque_requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_MESSAGES)
         self._waiting_job: ArmJob | None = None
         self._running_job: ArmJob | None = None
@@ -150,6 +150,7 @@ class ArmThread:
     def request_stop(self, reason: StopReason) -> None:
         """Brake and hold until acknowledged. Safe from any thread."""
         self._stop_reason, self._acknowledged, self._waiting_job = reason, False, None
+        self._stops += 1
         self.arm.request_stop(reason)
         if self.calibration is not None:
             self.calibration.request_stop(reason)
@@ -449,7 +450,7 @@ class ArmThread:
                 driver.requested = False
                 raise
             self.arm.close("hold")
-            self._lost = True
+            self._lost, self._shown_stops = True, self._stops
             driver.on_cycle, driver.log_message = self._on_calibration_cycle, self.log_message
 
             def open_calibrated() -> Arm:
@@ -482,12 +483,11 @@ class ArmThread:
             measured = picture.positions(calibration.request)
         if calibration.request is not None:
             states = tuple(replace(state, torque=driver.holds) for state in states)
-        stopped = self._stop_reason not in (None, self._shown_stop)
-        self._shown_stop = self._stop_reason
+        stops, self._shown_stops = self._stops - self._shown_stops, self._stops
         self.snapshot = replace(
             self.snapshot,
             calibration=calibration,
-            stop_count=self.snapshot.stop_count + stopped,
+            stop_count=self.snapshot.stop_count + stops,
             measured=measured,
             states=states,
             read_s=self._clock.now_s(),

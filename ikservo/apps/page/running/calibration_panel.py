@@ -20,6 +20,7 @@ from ikservo.apps.cameras.board_detection import PictureSource
 from ikservo.apps.cameras.camera_dialogue import (
     calibrate_before_camera,
     describe_result,
+    kept_until_saved,
     save_result,
 )
 from ikservo.apps.page.dragging.snapshot import CalibrationView
@@ -86,7 +87,7 @@ class CalibrationDriver:
         self.model, self._port, self.pose = model, port, pose
         self._answers: deque[tuple[str, int]] = deque(maxlen=8)
         self._number = 0  # of the screen
-        self.requested = self._moves = False
+        self.requested = self._is_by_hand = self._searches = False
         self.arm: Arm | None = None
         self.on_cycle: OnCycle | None = None
         self.on_wait: Callable[[], None] = lambda: None
@@ -116,11 +117,11 @@ class CalibrationDriver:
         self._answers.append((answer, number))
 
     def request_stop(self, reason: StopReason) -> None:
-        """End a calibration in which the arm moves itself; it brakes and holds. Thread-safe.
+        """End the calibration; a moving arm brakes and holds. Safe from any thread.
 
         A calibration by hand, in which the arm is limp, continues.
         """
-        self.requested, arm = self.requested and not self._moves, self.arm
+        self.requested, arm = self.requested and self._is_by_hand, self.arm
         if arm is not None:
             arm.request_stop(reason)
 
@@ -142,7 +143,8 @@ class CalibrationDriver:
                 with closing(self._show_board(self.open_arm(), self.open_camera)) as dialogue:
                     yield from self._run_dialogue(dialogue)
         finally:
-            self.requested, self._moves, self.arm = False, False, None
+            self.requested = self._is_by_hand = self._searches = False
+            self.arm = None
 
     def _run_dialogue(
         self, dialogue: Dialogue[str | None], limp_arm: TorqueOffArm | None = None
@@ -203,14 +205,15 @@ class CalibrationDriver:
             "How do you want to calibrate the arm?", Unasked.YES, CalibrationStage.REFERENCE_POSE,
             "by hand", (*(() if forbidden else (stops,)), *((camera,) if self.open_camera else ())),
         )  # fmt: skip
-        self._moves = how in ("stops", _CAMERA)
         if how == _CAMERA:
             return how
+        self._is_by_hand = how != "stops"
         options = CalibrationOptions(self.pose, write_limits=False)
-        if self._moves:
+        if not self._is_by_hand:
             yield from confirm_search(self.model, "The Stop button")
         yield from switch_torque_off(limp_arm)
-        if self._moves:
+        self._searches = not self._is_by_hand
+        if self._searches:
             path = (yield from calibrate_against_stops(
                 limp_arm, options, self.log_message, self._attended
             ))[2]  # fmt: skip
@@ -225,19 +228,27 @@ class CalibrationDriver:
         """Calibrate an arm before the camera of the page, and save the result."""
         self.arm = arm
         with open_camera() as (camera, options):
-            before, result = yield from calibrate_before_camera(
+            before, result, pictures = yield from calibrate_before_camera(
                 arm, camera, options, self.log_message, self._attended
             )
         for line in describe_result(result):
             yield Notice(line)
         seen = before, options.camera or "", options.camera_name, result
-        if (yield from save_result(*seen, _SAVE)):
+        with kept_until_saved(pictures, self.model.name, self.log_message):
+            saved = yield from save_result(*seen, _SAVE)
+        if saved:
             yield _SAVED
 
     @contextmanager
     def _attended(self, arm: Arm) -> Generator[None]:
-        """Let pages watch and stop an arm that moves itself."""
+        """Let pages watch and stop an arm that moves itself.
+
+        Raises:
+            StoppedError: It was stopped before it could move.
+        """
         self.arm, arm.runner.loop.on_every_cycle = arm, self.on_cycle
+        if not self.requested:
+            raise StoppedError(_LEFT.text)
         yield
 
     def _release(self, limp_arm: TorqueOffArm, why: str, number: int) -> Generator[CalibrationView]:
@@ -259,9 +270,9 @@ class CalibrationDriver:
     def _may_hold(self, limp_arm: TorqueOffArm) -> bool:
         """Check whether a servo holds after a search; a silent one may hold."""
         try:
-            return self._moves and bool(limp_arm.torque_on_servos())
+            return self._searches and bool(limp_arm.torque_on_servos())
         except BusError:
-            return True
+            return self.arm is not None
 
 
 def _page_hints(error: IkservoError) -> list[str]:
