@@ -15,7 +15,7 @@ SOURCES = Path(ikservo.__file__).parent
 COMMANDS_ONLY = re.compile(
     r"cli/|apps/(agent|page|calibrating|importing|lab|workbench)/|calibration/|maintenance/|core\.py"
     r"|planning/calibrated_arm|apps/teaching/(dataset|lerobot_|hand_guiding)|apps/\w+/__init__"
-    r"|apps/remote/zenoh_session|apps/cameras/(calibrate_|camera_by|camera_cal|camera_check|tip_)"
+    r"|apps/remote/zenoh_session|apps/cameras/(calibrate_|camera_by|camera_cal|camera_check|camera_dialogue|tip_)"
     r"|apps/cameras/picture_folder|apps/\w+/\w+_command"
 )
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")

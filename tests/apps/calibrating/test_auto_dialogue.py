@@ -51,7 +51,8 @@ def test_search_tells_progress_of_each_end_in_order(arm):
     assert shares == [0.0, 0.25, 0.5, 0.75]
     texts = [each.text for each in items if isinstance(each, Progress)]
     assert texts[-1] == "Moving to the rest pose"
-    assert texts[0].startswith("joint2: searching for its end stop near -25")
+    assert texts[0] == "Each joint moves slightly"
+    assert texts[1].startswith("joint2: searching for its end stop near -25")
 
 
 def test_search_begins_only_after_its_warning_is_accepted():

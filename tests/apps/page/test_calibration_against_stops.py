@@ -106,7 +106,7 @@ def test_leaving_before_search_changes_nothing(driver, arm, part):
     assert (registers(arm), any(holding(arm)), saved()) == (before, False, None)
 
 
-def test_leaving_search_does_not_relax_an_arm_that_it_has_not_moved(driver, arm):
+def test_leaving_does_not_relax_an_arm_that_was_not_moved(driver, arm):
     for servo in arm.line.servos.values():
         servo.write("torque_enable", 1)
     shown = run(driver, {"Begin?": "cancel"})[-1]

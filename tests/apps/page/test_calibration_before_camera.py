@@ -200,9 +200,7 @@ def in_motion(thread, action):
 def test_arm_does_not_move_after_a_stop_on_a_screen(thread, hidden, part):
     cycles = []
     thread._on_calibration_cycle = cycles.append
-    screens = run(
-        thread, on_view=lambda shown: part in shown["task"] and thread.request_stop(STOP)
-    )
+    screens = run(thread, on_view=lambda shown: part in shown["task"] and thread.request_stop(STOP))
     assert part in screens[-1]["task"]
     assert not cycles
 
