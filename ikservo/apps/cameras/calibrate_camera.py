@@ -14,7 +14,7 @@ from ikservo.apps.cameras.camera_calibration import (
 )
 from ikservo.apps.cameras.camera_command import check_camera_name, open_camera
 from ikservo.apps.cameras.camera_dialogue import (
-    calibrate_before_camera,
+    calibrate_with_camera,
     describe_result,
     kept_until_saved,
     save_result,
@@ -52,7 +52,7 @@ def calibrate_by_camera(
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
         before, result, pictures = operator.run(
-            calibrate_before_camera(arm, camera, options, print_status, second_interrupt_lowers)
+            calibrate_with_camera(arm, camera, options, print_status, second_interrupt_lowers)
         )
         question = Question("Save this?", Unasked.YES)
         with kept_until_saved(pictures, before.model.name, print_status):

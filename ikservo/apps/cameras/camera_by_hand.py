@@ -59,6 +59,7 @@ class HandCalibration(PictureCalibration):
                 f"so far. {self._last_error}".rstrip(),
                 "Show the board in different postures, and keep the arm still in each.",
             )
+        yield Notice(f"{ESTIMATING}.")
         yield Progress(ESTIMATING)
         duration_s = used_s - began_s
         return self._pictures.result(self._missed, duration_s, self._extents, by_hand=True)

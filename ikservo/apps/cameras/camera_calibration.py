@@ -59,7 +59,7 @@ PRINTED_COMPLIANCE = 0.05
 LEAST_SHARE = 0.5
 """Smallest fraction of the requested pictures that suffices for an estimate."""
 
-ESTIMATING = "Estimating the camera and the arm from the pictures, which takes some seconds"
+ESTIMATING = "Estimating the camera and the arm from the pictures, which takes a few seconds"
 
 _SHOWING = "Showing the board to the camera"
 _FIRST_STEP_RAD = math.radians(9.0)  # step of each joint while the pose of the camera is unknown
@@ -317,6 +317,7 @@ class CameraCalibration(PictureCalibration):
             raise PictureError(f"The board was seen in only {len(self._pictures)} postures.", hint)
         with suppress(RefusedError):
             self._move(home)
+        yield Notice(f"{ESTIMATING}.")
         yield Progress(ESTIMATING)
         duration_s = self._arm.clock.now_s() - self._began_s
         return self._pictures.result(self._missed, duration_s, self._extents)
@@ -357,7 +358,8 @@ class CameraCalibration(PictureCalibration):
             yield Notice(f"not used: {error.message}")
             return False
         taken, since_s = len(self._pictures), self._arm.clock.now_s() - self._began_s
-        yield Notice(f"picture {taken} of {self._count}")
+        what = f"picture {taken} of {self._count}"
+        yield Notice(str(Progress(what, taken, self._count, since_s)))
         yield Progress(_SHOWING, taken, self._count, since_s)
         return True
 
@@ -371,6 +373,7 @@ class CameraCalibration(PictureCalibration):
         clock.sleep_until(clock.now_s() + _SETTLE_S)
         picture = self._camera.take()
         for _ in range(_EXPOSURE_TRIES):
+            self._arm.context.servos.check_stop()  # a picture may take ten seconds
             before, picture = picture, self._camera.take()
             if abs(float(picture.mean()) - float(before.mean())) < _STEADY_GREY:
                 break

@@ -31,7 +31,7 @@ from ikservo.files.public_source import public_source
 from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 
 
-def calibrate_before_camera(
+def calibrate_with_camera(
     arm: Arm,
     camera: PictureSource,
     options: CameraOptions,

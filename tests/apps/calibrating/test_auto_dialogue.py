@@ -11,14 +11,13 @@ from ikservo.apps.calibrating.calibration_session import open_torque_off
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.maintenance.dialogue import HandRequest, Notice, Progress, Question
 from ikservo.model import load_model
-from tests.calibration.narrow_arm import write_narrow_arm
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm
 
 
 @pytest.fixture
-def arm(tmp_path, monkeypatch):
+def arm(narrow, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-    return connect_arm(monkeypatch, write_narrow_arm(tmp_path), sign=1)
+    return connect_arm(monkeypatch, narrow, sign=1)
 
 
 def search(arm, answer, status):

@@ -14,7 +14,6 @@ from ikservo.errors import StoppedError
 from ikservo.serving.control_client import request_stop
 from servosim.joint import Hand, glide
 from tests.calibration.mounted_arms import Operator, load_model
-from tests.calibration.narrow_arm import write_narrow_arm
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 
 MARGIN_DEG = 0.3
@@ -24,12 +23,6 @@ SEARCH = math.radians(25 + 20)  # past the ends of the arm file
 @pytest.fixture(autouse=True)
 def _home(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-
-
-@pytest.fixture(scope="module")
-def narrow(tmp_path_factory):
-    """Return the file of an arm whose search is short."""
-    return write_narrow_arm(tmp_path_factory.mktemp("narrow"))
 
 
 @pytest.fixture

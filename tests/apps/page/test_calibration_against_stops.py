@@ -11,7 +11,6 @@ from ikservo.calibration.paths import calibration_path
 from ikservo.maintenance.direction_check import directions_confirmed
 from ikservo.model import load_model
 from servosim.faults import Fault
-from tests.calibration.narrow_arm import write_narrow_arm
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 
 STOP = StopReason(StopKind.CLIENT, "Stopped from the page.")
@@ -20,12 +19,6 @@ STOP = StopReason(StopKind.CLIENT, "Stopped from the page.")
 @pytest.fixture(autouse=True)
 def _home(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-
-
-@pytest.fixture(scope="module")
-def narrow(tmp_path_factory):
-    """Return the file of an arm whose search is short."""
-    return write_narrow_arm(tmp_path_factory.mktemp("narrow"))
 
 
 @pytest.fixture
@@ -74,7 +67,7 @@ def test_page_offers_each_way_to_calibrate_in_one_sentence(driver):
     first = run(driver, {"How do you want": "cancel"})[0]
     assert choices(first) == ["accept", "stops", "cancel"]
     heads = [line.partition(":")[0] for line in first["lines"]]
-    assert heads == ["By hand", "Against the stops", "Not before a camera"]
+    assert heads == ["By hand", "Against the stops", "Not with a camera"]
 
 
 def test_page_gives_reason_if_arm_must_not_search_for_stops(monkeypatch):
@@ -164,11 +157,11 @@ def test_leaving_moving_arm_brakes_it_first(driver, arm):
         if shown["share"]:
             driver.put_answer("cancel", 0)
 
-    assert "The calibration was left." in limp_after(driver, run(driver, on_view=leave), arm)
+    assert "The calibration was cancelled." in limp_after(driver, run(driver, on_view=leave), arm)
 
 
 @pytest.mark.parametrize(
-    ("word", "reason"), [("no", "does not move as the arm file says"), ("cancel", "was left")]
+    ("word", "reason"), [("no", "does not move as the arm file says"), ("cancel", "was cancelled")]
 )
 def test_wrong_direction_on_page_ends_search(driver, arm, word, reason):
     assert reason in limp_after(driver, run(driver, {"Did joint1": word}), arm)

@@ -285,7 +285,7 @@ class ArmThread:
     def _require_heartbeat(self) -> None:
         """Stop the arm if the page is silent for longer than its job or calibration permits."""
         job, driver, limit_s = self._running_job, self.calibration, self.lease.timeout_s
-        if (job and job.is_planned) or (driver and driver.arm is self.arm):  # before a camera
+        if (job and job.is_planned) or (driver and driver.arm is self.arm):  # with a camera
             limit_s = max(limit_s, _PLANNED_SILENCE_S)
         if self.lease.silence_s() > limit_s and self._stop_reason is None:
             self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))

@@ -18,7 +18,7 @@ from ikservo.apps.calibrating.by_hand_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.apps.cameras.board_detection import PictureSource
 from ikservo.apps.cameras.camera_dialogue import (
-    calibrate_before_camera,
+    calibrate_with_camera,
     describe_result,
     kept_until_saved,
     save_result,
@@ -52,16 +52,16 @@ _AGAINST_STOPS = (
     "Against the stops: you hold the limp arm in its pose until it holds itself; then it drives "
     "each joint slowly to both of its stops, so its whole reach must be clear."
 )
-_BEFORE_CAMERA = (
-    "Before a camera: a calibrated arm shows a printed board on its gripper to the camera of this "
+_WITH_CAMERA = (
+    "With a camera: a calibrated arm shows a printed board on its gripper to the camera of this "
     "page, all over its reach, which must be clear. To make the board: ikservo camera board"
 )
-_NO_CAMERA = "Not before a camera: this page has none. Add one: ikservo view {} --camera 0"
+_NO_CAMERA = "Not with a camera: this page has none. Add one: ikservo view {} --camera 0"
 _CAMERA = "camera"
 _SAVE = Question("Save this?", Unasked.YES, CalibrationStage.REVIEW, "save")
 _SAVED = Question("Saved.", Unasked.YES, CalibrationStage.SAVED, "back to the arm")
 _HOLDS = "held"  # the stage of an arm that was stopped in its search
-_LEFT = StopReason(StopKind.CLIENT, "The calibration was left.")
+_LEFT = StopReason(StopKind.CLIENT, "The calibration was cancelled.")
 OpenCamera: TypeAlias = Callable[[], AbstractContextManager[tuple[PictureSource, CameraOptions]]]
 
 
@@ -77,9 +77,9 @@ class CalibrationDriver:
         requested: Whether a calibration is requested.
         arm: The arm that a calibration moves, or has moved; None before that.
         on_cycle: Called in each control cycle of a calibration.
-        on_wait: Called repeatedly while an arm before a camera waits for an answer.
+        on_wait: Called repeatedly while an arm in front of a camera waits for an answer.
         log_message: Receives messages for the user.
-        open_arm: Opens the arm for a calibration before a camera, which does not close it.
+        open_arm: Opens the arm for a calibration with a camera, which does not close it.
         open_camera: Opens the camera of the page; None if it has none.
     """
 
@@ -130,7 +130,7 @@ class CalibrationDriver:
 
         Raises:
             IkservoError: The servos do not reply, or nothing could be saved.
-            StoppedError: The arm was stopped before a camera; it holds.
+            StoppedError: The arm was stopped in a calibration with a camera; it holds.
         """
         self._number = 0
         try:
@@ -195,12 +195,12 @@ class CalibrationDriver:
         return None
 
     def _calibrate(self, limp_arm: TorqueOffArm) -> Dialogue[str]:
-        """Let the user choose how to calibrate the arm; calibrate it, unless before a camera."""
+        """Let the user choose how to calibrate the arm; calibrate it, unless with a camera."""
         forbidden = self.model.auto_unsafe
         yield Notice(_BY_HAND)
         yield Notice(f"Not against the stops: {forbidden}" if forbidden else _AGAINST_STOPS)
-        yield Notice(_BEFORE_CAMERA if self.open_camera else _NO_CAMERA.format(self.model.name))
-        stops, camera = Choice("stops", "against the stops"), Choice(_CAMERA, "before a camera")
+        yield Notice(_WITH_CAMERA if self.open_camera else _NO_CAMERA.format(self.model.name))
+        stops, camera = Choice("stops", "against the stops"), Choice(_CAMERA, "with a camera")
         how = yield Question(
             "How do you want to calibrate the arm?", Unasked.YES, CalibrationStage.REFERENCE_POSE,
             "by hand", (*(() if forbidden else (stops,)), *((camera,) if self.open_camera else ())),
@@ -225,10 +225,10 @@ class CalibrationDriver:
         return ACCEPT
 
     def _show_board(self, arm: Arm, open_camera: OpenCamera) -> Dialogue[None]:
-        """Calibrate an arm before the camera of the page, and save the result."""
+        """Calibrate an arm with the camera of the page, and save the result."""
         self.arm = arm
         with open_camera() as (camera, options):
-            before, result, pictures = yield from calibrate_before_camera(
+            before, result, pictures = yield from calibrate_with_camera(
                 arm, camera, options, self.log_message, self._attended
             )
         for line in describe_result(result):

@@ -1,4 +1,4 @@
-"""A calibration before the camera of the page, begun and answered there, in virtual time."""
+"""A calibration with the camera of the page, begun and answered there, in virtual time."""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -117,10 +117,10 @@ def leave(thread):
 
 @pytest.mark.full
 @pytest.mark.timeout(600)
-def test_calibration_before_camera_is_saved_from_page(thread, hidden):
+def test_calibration_with_camera_is_saved_from_page(thread, hidden):
     screens, before = run(thread), thread.arm
     assert choices(screens[0]) == ["accept", "stops", "camera", "cancel"]
-    assert screens[0]["lines"][2].startswith("Before a camera: a calibrated arm shows")
+    assert screens[0]["lines"][2].startswith("With a camera: a calibrated arm shows")
     begin = next(each for each in screens if each["task"] == "Begin?")
     assert "Fix the board 5x7-12mm-4x4 to the gripper" in begin["lines"][0]
     assert not begin["shows_pose"]
@@ -159,7 +159,7 @@ def test_arm_without_calibration_is_not_shown_to_camera(thread, hidden):
     assert not any(holding(hidden[0]))
 
 
-def test_arm_before_camera_that_sees_no_board_does_not_move(thread, hidden, monkeypatch):
+def test_arm_with_camera_that_sees_no_board_does_not_move(thread, hidden, monkeypatch):
     arm, camera = hidden
     thread.arm.enable()  # a limp arm would sink
     before, grey = positions(arm), np.full_like(camera.take(), 100)
@@ -215,18 +215,18 @@ def test_pictures_are_kept_until_the_result_is_saved(thread, hidden):
     assert saved() == before
 
 
-def test_stop_of_page_reaches_arm_before_camera(thread, hidden):
+def test_stop_of_page_reaches_arm_with_camera(thread, hidden):
     before = saved()
     in_motion(thread, lambda: thread.request_stop(STOP))
     run(thread)
     assert_stopped(thread, hidden[0], "Stopped from the page", before)
 
 
-def test_leaving_arm_that_moves_before_camera_brakes_it(thread, hidden):
+def test_leaving_arm_that_moves_with_camera_brakes_it(thread, hidden):
     before = saved()
     in_motion(thread, lambda: leave(thread))
     run(thread)
-    assert_stopped(thread, hidden[0], "The calibration was left.", before)
+    assert_stopped(thread, hidden[0], "The calibration was cancelled.", before)
 
 
 def test_stop_while_picture_is_taken_ends_calibration(thread, hidden, monkeypatch):
@@ -245,7 +245,7 @@ def test_stop_while_picture_is_taken_ends_calibration(thread, hidden, monkeypatc
     assert_stopped(thread, arm, "Stopped from the page", before)
 
 
-def test_neighbour_may_not_move_while_arm_is_before_camera(thread):
+def test_neighbour_may_not_move_while_arm_is_with_camera(thread):
     turn, reopen, others = Turn(), thread._reopen_arm, []
     neighbour = SimpleNamespace(name="koch", turn=turn, things=lambda _: [])
 
@@ -264,7 +264,7 @@ def test_neighbour_may_not_move_while_arm_is_before_camera(thread):
     assert (others, turn.is_of_other(neighbour)) == ([True], False)
 
 
-def test_silent_page_stops_arm_before_camera(thread, hidden):
+def test_silent_page_stops_arm_with_camera(thread, hidden):
     before = saved()
     thread.lease.refresh = lambda _: None
     run(thread)
@@ -272,7 +272,7 @@ def test_silent_page_stops_arm_before_camera(thread, hidden):
     assert_stopped(thread, hidden[0], "the page does not answer", before)
 
 
-def test_closed_page_leaves_arm_before_camera_holding(thread, hidden):
+def test_closed_page_leaves_arm_with_camera_holding(thread, hidden):
     def close():
         thread._ending = True
         thread.request_stop(STOP)
